@@ -19,9 +19,11 @@ SHARES = (0.05, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 0.95, 0.98, 0.995)
 # seen as such. Assumed.
 SECONDS = (0.5 * 2.0 ** (np.arange(7) / 2)).tolist()
 SHORT = NoiseInTime(0.7, 1.0, 0.9)
-# Steps of share, seconds and the closure's share: of all shares, and then of one of them.
-WAYS = tuple((k, j, k) for k, j in ((0, -1), (0, 1), (1, 0), (-1, 0), (1, 1), (-1, -1), (1, -1), (-1, 1)))
-WAYS += ((0, 0, 1), (0, 0, -1), (1, 0, 0), (-1, 0, 0))
+# Steps of share, seconds and the closure's share, whose likelihood hardly depends on the other share.
+WAYS = (
+    *((0, -1, 0), (0, 1, 0), (1, 0, 0), (-1, 0, 0), (0, 0, 1), (0, 0, -1)),
+    *((1, 1, 0), (-1, -1, 0), (1, -1, 0), (-1, 1, 0)),
+)
 LEAST_GAIN = 3.0  # of ln of the likelihood, from which noise lasts
 FAR = 20.0  # of ln of the likelihood; the next linearisation changes differences by some 4 %
 
@@ -73,5 +75,6 @@ def likeliest_noise(
         there = np.clip(at + (by := ways.pop(0)), 0, last)
         if likelihood(best) < likelihood(other := noise(there)):
             at, best, ways = there, other, [by, *(way for way in WAYS if way != by)]
+    lasts = likelihood(best) > likelihood(WHITE) + LEAST_GAIN
     far |= {one for one, value in known.items() if value < likelihood(best) - FAR}
-    return best if likelihood(best) > likelihood(WHITE) + LEAST_GAIN else WHITE
+    return best if lasts else WHITE

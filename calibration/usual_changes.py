@@ -1,6 +1,7 @@
 """Changes that ordinary imperfections of usual size make to readings that noise alone should change."""
 
 from collections.abc import Mapping
+from dataclasses import replace
 
 import numpy as np
 
@@ -32,8 +33,12 @@ def usual_changes(
         InputError: an unknown family or an impossible tolerance.
     """
     observed = with_cell_noise(observe(measurements, nominal))
-    # Without the noise that the residuals show, which columns at the readings would hold and so explain.
-    observed = linear_model(observed, noise_of(observed)).smoothed
+    # Without the noise that the residuals show, which columns at the readings would hold and so explain. Of a
+    # moving record each stance shows it: a covariance of all rows of a placement would be large.
+    whole = observed.measurements
+    parts = replace(whole, placement=observed.stance) if observed.moves else whole
+    smoothed = linear_model(observed.changed(measurements=parts), noise_of(observed)).smoothed
+    observed = smoothed.changed(measurements=whole)
     families = families_in(observed, usual_tolerances(observed, tolerances))
     slope = sensitivity(observed, nominal.value)
     empty = np.zeros((len(measurements), 6, 0))
@@ -42,16 +47,16 @@ def usual_changes(
         member_columns(observed, nominal.value, slope, family)[:, rows] @ np.concatenate(family.parts, axis=1)
         for family in families
     ]
-    whole = np.concatenate([empty, *columns], axis=2)
-    used = np.abs(whole).max(axis=(0, 1)) > 0
+    every = np.concatenate([empty, *columns], axis=2)
+    used = np.abs(every).max(axis=(0, 1)) > 0
     names = [name for family in families for part in family.parts for name in _names(family, part)]
     known = tuple(name for name, use in zip(names, used, strict=True) if use)
-    whole = whole[..., used]
+    every = every[..., used]
     sizes = np.concatenate([np.zeros(0), *(np.full(len(family), family.tolerance) for family in families)])
     compliance = joint_compliance(families, sizes, observed.tree.joints)
     by_angles = slope[:, LEVEL, fields(observed)["angles"]]
     unseen = by_angles @ (compliance[:, None] * observed.loads.levers) * unseen_wrench(observed)
-    return Usual(known, whole[:, :2], whole[:, 2], whole[:, 3:], unseen)
+    return Usual(known, every[:, :2], every[:, 2], every[:, 3:], unseen)
 
 
 def _names(family: Family, part: np.ndarray) -> tuple[str, ...]:

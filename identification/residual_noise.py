@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from scipy.linalg import get_lapack_funcs, helmert
@@ -131,25 +132,66 @@ class Whitening:
     contrasts between the postures of a stance (Helmert's), which are free of it.
 
     Attributes:
-        rows: number of the residual (11 a posture) that each coordinate mainly holds, placement by placement.
-        blocks: of every placement a slice of the coordinates, the numbers of the residuals and the factor
-            that makes the ones from the others.
         sensitivity: derivative of the residuals by the fields of `packed`, (m, 11, k).
         reach: derivative by the readings (angles, cells, plates), (m, 11, n_joints + 14); it differs from
             `sensitivity` if removed effects depend on noisy readings.
         own: part of each posture's covariance that it does not share, (m, 11, 11).
         levers: one s.d. in the residuals of what a placement's postures share: plate coordinates, and then
             forces that no reading shows, (m, 11, 6 + j).
-        log_volume: logarithm of the determinant of the covariance, but for a constant.
+        used: residuals that are used, (m, 11) bool.
+        placement, stance: number of each posture's, (m,).
     """
 
-    rows: np.ndarray
-    blocks: tuple[tuple[slice, np.ndarray, np.ndarray], ...]
     sensitivity: np.ndarray
     reach: np.ndarray
     own: np.ndarray
     levers: np.ndarray
-    log_volume: float
+    used: np.ndarray
+    placement: np.ndarray
+    stance: np.ndarray
+
+    @property
+    def rows(self) -> np.ndarray:
+        """Return the residual (11 a posture) that each coordinate mainly holds, placement by placement."""
+        return self._factored[0]
+
+    @property
+    def blocks(self) -> list[tuple[slice, np.ndarray, np.ndarray]]:
+        """Return of every placement its coordinates, the residuals' numbers and the factor between them."""
+        return self._factored[1]
+
+    @property
+    def log_volume(self) -> float:
+        """Return the logarithm of the determinant of the covariance, but for a constant."""
+        return self._factored[2]
+
+    @cached_property
+    def _factored(self) -> tuple[np.ndarray, list[tuple[slice, np.ndarray, np.ndarray]], float]:
+        rows, blocks, at_row, volume = [], [], 0, 0.0
+        known: dict[tuple[bytes, bytes], np.ndarray] = {}  # most placements are alike
+        for number in np.unique(self.placement):
+            inside = np.flatnonzero(self.placement == number)
+            used, stance = self.used[inside], self.stance[inside]
+            numbers = (inside[:, None] * SIZE + np.arange(SIZE)).ravel()
+            shared = self.levers[inside].reshape(-1, self.levers.shape[2])
+            block, each = shared @ shared.T, np.arange(len(inside))
+            block.reshape(len(inside), SIZE, len(inside), SIZE)[each, :, each] += self.own[inside]
+            keep = used.ravel()
+            alike = (stance - stance[0]).tobytes(), used[:, ANCHORED].tobytes()
+            if alike not in known:
+                known[alike] = without_constants(stance, used)
+            contrast, of = contrasts(used, known[alike])
+            contrast = contrast[:, keep]
+            quick = csr_array(contrast) if len(contrast) > MANY else contrast
+            lower = np.linalg.cholesky(quick @ block[keep][:, keep] @ quick.T)
+            factor = contrast  # of a placement without a residual in these channels
+            if len(lower):
+                factor, _ = solve_triangular(lower, contrast, lower=1)
+            volume += 2 * float(np.log(np.diag(lower)).sum())
+            blocks.append((slice(at_row, at_row + len(lower)), numbers[keep], factor))
+            rows.append(numbers[of])
+            at_row += len(lower)
+        return np.concatenate(rows), blocks, volume
 
     def __call__(self, residuals: np.ndarray) -> np.ndarray:
         """Whiten residuals (m, 11) or columns (m, 11, k): (r,) or (r, k)."""
@@ -222,39 +264,7 @@ def whitening(
     for channel in channels:
         wanted[ROWS[channel]] = True
     used = residuals_in_use(observed) & wanted
-    placement, stance = observed.measurements.placement, observed.stance
-    rows, blocks, volume = _factored(own, levers, placement, stance, used)
-    return Whitening(rows, blocks, slope, reach, own, levers, volume)
-
-
-def _factored(
-    own: np.ndarray, levers: np.ndarray, placement: np.ndarray, stance: np.ndarray, used: np.ndarray
-) -> tuple[np.ndarray, tuple[tuple[slice, np.ndarray, np.ndarray], ...], float]:
-    """Return `rows`, `blocks` and `log_volume` of `Whitening` from the covariance of each placement."""
-    rows, blocks, at_row, volume = [], [], 0, 0.0
-    known: dict[tuple[bytes, bytes], np.ndarray] = {}  # most placements are alike
-    for number in np.unique(placement):
-        inside = np.flatnonzero(placement == number)
-        numbers = (inside[:, None] * SIZE + np.arange(SIZE)).ravel()
-        shared = levers[inside].reshape(-1, levers.shape[2])
-        block, each = shared @ shared.T, np.arange(len(inside))
-        block.reshape(len(inside), SIZE, len(inside), SIZE)[each, :, each] += own[inside]
-        keep = used[inside].ravel()
-        alike = (stance[inside] - stance[inside[0]]).tobytes(), used[inside, ANCHORED].tobytes()
-        if alike not in known:
-            known[alike] = without_constants(stance[inside], used[inside])
-        contrast, of = contrasts(used[inside], known[alike])
-        contrast = contrast[:, keep]
-        quick = csr_array(contrast) if len(contrast) > MANY else contrast
-        lower = np.linalg.cholesky(quick @ block[keep][:, keep] @ quick.T)
-        factor = contrast  # of a placement without a residual in these channels
-        if len(lower):
-            factor, _ = solve_triangular(lower, contrast, lower=1)
-        volume += 2 * float(np.log(np.diag(lower)).sum())
-        blocks.append((slice(at_row, at_row + len(lower)), numbers[keep], factor))
-        rows.append(numbers[of])
-        at_row += len(lower)
-    return np.concatenate(rows), tuple(blocks), volume
+    return Whitening(slope, reach, own, levers, used, observed.measurements.placement, observed.stance)
 
 
 def without_constants(stance: np.ndarray, used: np.ndarray) -> np.ndarray:

@@ -1,6 +1,7 @@
 """Ordinary imperfections and sizes of effects, by dense algebra and against their priors."""
 
 import dataclasses
+import tracemalloc
 from typing import Any
 
 import numpy as np
@@ -17,6 +18,8 @@ from tulip_testbed.experiments.laboratory import Laboratory
 from tulip_testbed.identification.observation import observe
 from tulip_testbed.identification.preflight.usual import beyond
 from tulip_testbed.sim.rig import preset_rig
+
+WINDOW = 0.5  # s, of a row of a robot that moves
 
 
 def results(measured, robot):
@@ -36,6 +39,27 @@ def test_an_ordinary_laboratory_passes(robot, plan, preset, seed):
     worse = gross_too.run(plan, seed, "statics", workers=1)
     found = results(worse.measurements, robot)
     assert found["legs close"] == found["weight balance"] == "fail"
+
+
+def test_a_moving_record_of_one_placement_takes_memory_by_its_rows(robot, plan, nominal):
+    held = Laboratory(robot, "wii").run(plan, 907, "statics", workers=1).measurements
+    peaks = []
+    for count in (150, 300):
+        row = np.resize(np.arange(len(held)), count)
+        still = np.zeros((count, len(held.joints)))
+        once = dataclasses.replace(
+            held.take(row),
+            joint_rates=still,
+            joint_accelerations=still,
+            window=np.full(count, WINDOW),
+            time=WINDOW * np.arange(count),
+            placement=np.ones(count, int),
+        )
+        tracemalloc.start()
+        usual_changes(once, nominal)
+        peaks.append(tracemalloc.get_traced_memory()[1])
+        tracemalloc.stop()
+    assert peaks[1] < 2.5 * peaks[0]
 
 
 def test_an_imperfection_of_almost_four_tolerances_is_a_warning_that_names_it(robot, plan):
