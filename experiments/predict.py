@@ -43,6 +43,7 @@ HARMLESS = 1e-5  # m: residuals that leave nothing to beat
 WIDE = 0.1  # m: what a zero of which nothing is known may move the centre of pressure by
 SMALLEST = 1e-6  # m: changes and s.d. that count as none
 PLAUSIBLE = 2.0  # s.d. of a zero
+ROUNDING = 1e-14  # of the largest variance: noise that is smaller is none
 WIDEST = 1.0  # of the prior's scale: beyond, masses would be absurd
 
 
@@ -308,25 +309,28 @@ def _with_prior(problem: PredictionProblem, train: np.ndarray, test: np.ndarray)
     offset = np.broadcast_to(np.eye(2), (len(problem.residual), 2, 2))
     every = np.concatenate([problem.zeros, WIDE * offset], axis=2)
     zeros = _rows(every, train)
-    fixed = zeros @ zeros.T
-    placement = problem.observed.measurements.placement[train]
-    same = np.equal.outer(placement, placement)
-    common = np.kron(same, np.eye(2))
-    shared = bool((same.sum(axis=1) > 1).any())
-    prior, unit = reach @ reach.T, np.eye(len(residual))
+    _, placement = np.unique(problem.observed.measurements.placement[train], return_inverse=True)
+    shared = len(train) > placement.max() + 1
+    common = np.kron(np.eye(placement.max() + 1)[placement], np.eye(2)) * shared
+    # Beside the noise of single postures, the covariance is that of a few directions.
+    basis, levers = np.linalg.qr(np.concatenate([reach, zeros, common], axis=1))
+    widths = reach.shape[1], zeros.shape[1], common.shape[1]
+    along = basis.T @ residual
+    rest = residual - basis @ along
     size = float(np.sqrt((residual**2).mean()))
 
-    def covariance(logs: np.ndarray) -> np.ndarray:
+    def covariance(logs: np.ndarray) -> tuple[np.ndarray, float]:
         scale, sigma, tau = np.exp(2 * np.clip(logs, np.log(SMALLEST), [np.log(WIDEST), 10, 10]))
-        return scale * prior + sigma * unit + fixed + (tau * common if shared else 0.0)
+        return levers * np.repeat([scale, 1.0, tau], widths) @ levers.T + sigma * np.eye(len(along)), sigma
 
     def cost(logs: np.ndarray) -> float:
-        try:
-            root = np.linalg.cholesky(covariance(logs))
-        except np.linalg.LinAlgError:  # exact readings
+        inside, sigma = covariance(logs)
+        if sigma < ROUNDING * inside.max():  # exact readings
             return np.inf
-        white = np.linalg.solve(root, residual)
-        return float(2 * np.log(np.diag(root)).sum() + white @ white)
+        root = np.linalg.cholesky(inside)
+        white = np.linalg.solve(root, along)
+        volume = 2 * np.log(np.diag(root)).sum() + (len(residual) - len(along)) * np.log(sigma)
+        return float(volume + white @ white + rest @ rest / sigma)
 
     starts = [np.log([scale, size / 2, size / 2]) for scale in STARTS]
     options = {"xatol": 1e-3, "fatol": 1e-4, "maxiter": 400}
@@ -334,7 +338,8 @@ def _with_prior(problem: PredictionProblem, train: np.ndarray, test: np.ndarray)
         (minimize(cost, s, method="Nelder-Mead", options=options) for s in starts), key=lambda r: r.fun
     )
     scale = float(np.exp(np.clip(best.x[0], np.log(SMALLEST), np.log(WIDEST))))
-    weights = np.linalg.solve(covariance(best.x), residual)
+    inside, sigma = covariance(best.x)
+    weights = basis @ np.linalg.solve(inside, along) + rest / sigma
     change = scale**2 * problem.spread @ (reach.T @ weights)
     shown = every[test] @ (zeros.T @ weights)
     return problem.residual[test] - problem.matrix[test] @ change - shown, scale
