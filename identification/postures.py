@@ -132,10 +132,10 @@ class _Search:
                         break  # back to step 1
                 else:
                     self.attempts += 1
+                    self.found += 1
                     tries = 0
                     accepted.append((found, pose))
             if len(accepted) == wanted:
-                self.found += wanted
                 return accepted
 
     def _lay_boards(self, soles: np.ndarray) -> str | None:

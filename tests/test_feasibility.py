@@ -112,6 +112,11 @@ def test_impossible_ranges_say_what_blocks(robot, plate, monkeypatch):
         random_postures(robot, plate, 1, 1, 0, ranges)
 
 
+def test_many_postures_of_a_placement_are_no_impossible_ranges(robot, plate, monkeypatch):
+    monkeypatch.setattr(postures, "ATTEMPTS", 300)
+    assert len(random_postures(robot, plate, 1, 30, 0)) == 30
+
+
 def test_tulips_margins_are_exactly_those_of_its_published_plans(robot):
     expected = Margins(foot_load=25.0, foot_moment=0.55, link_clearance=0.01, lifted=0.02)
     assert planning_margins(robot) == expected
