@@ -186,6 +186,12 @@ class TableFile:
         more.types = self.types | {name: more.table.schema.field(name).type for name in columns}
         return more
 
+    def take(self, rows: np.ndarray) -> Self:
+        """Return some rows, (m,) bool."""
+        some = copy.copy(self)
+        some.table = self.table.filter(_arrow(rows))
+        return some
+
     def _parquet(self, content: bytes) -> tuple[dict[str, pa.DataType], pa.Table]:
         """Unpack only files of declared small size; keep texts as a dictionary, since they may repeat."""
         file = pyarrow.parquet.ParquetFile(pa.BufferReader(content))

@@ -352,6 +352,27 @@ def test_bad_logs_are_refused(bowing, tmp_path, changes, words):
     check_words(words, messages[0])
 
 
+def test_samples_without_a_number_are_missing(bowing, tmp_path):
+    def unread(device, rows):
+        rows = rows.copy()
+        rows[150:170, 2:] = np.nan if device == "legs" else 0.0
+        return rows
+
+    found = []
+    for name, change in (
+        ("unread", unread),
+        ("missing", lambda device, rows: np.delete(rows, slice(150, 170), 0)),
+    ):
+        (tmp_path / name).mkdir()
+        write_dumper(tmp_path / name / "log", change)
+        found.append(import_log(bowing, tmp_path / name / "log", KINDS["log"][1]))
+    with_gaps, without = (tt.read_measurements(one.folder) for one in found)
+    assert any("left out: 20 samples without a number" in text for text in found[0].assumed)
+    assert len(with_gaps) < 10
+    np.testing.assert_array_equal(with_gaps.joint_angles, without.joint_angles)
+    np.testing.assert_array_equal(with_gaps.wrenches, without.wrenches)
+
+
 def test_a_device_that_stops_is_told(bowing, tmp_path):
     write_dumper(tmp_path / "log", lambda device, rows: rows[: 150 if device == "legs" else None])
     with pytest.warns(UserWarning, match=r"legs stops 1.5 s before the others"):

@@ -58,7 +58,7 @@ def series_of(table: TableFile, stated: ImportMap) -> SeriesOfMap | None:
     if "time" not in (*found.exact, *found.mapping):
         return None
     steps = np.diff(MappedTable(table, found.mapping, 1.0).numbers("time", True))
-    return SeriesOfMap() if 0 < np.median(steps) < TICK else None
+    return SeriesOfMap() if 0 < np.nanmedian(steps) < TICK else None
 
 
 def sampled(names: Sequence[str]) -> tuple[str, ...]:
@@ -72,6 +72,18 @@ def necessary(names: Sequence[str], series: SeriesOfMap) -> tuple[str, ...]:
     readings = ("wrench.", "cop.", "cell.")
     needed = [name for name in sampled(names) if not (name.startswith(readings) and lifted in name)]
     return (*needed, *(["time"] if series.rate is None else []))
+
+
+def without_gaps(table: TableFile, sources: Sequence[str]) -> tuple[TableFile, list[str]]:
+    """Leave out the samples in which one of these columns has no number, and say how many.
+
+    Such samples are missing: a table without any other is returned as it is.
+    """
+    gaps = np.isnan([table.numbers(source, True) for source in sources]).any(axis=0)
+    if not gaps.any() or gaps.all():
+        return table, []
+    first = int(gaps.argmax()) + 1
+    return table.take(~gaps), [f"left out: {gaps.sum()} samples without a number, the first in row {first}"]
 
 
 def series_rows(

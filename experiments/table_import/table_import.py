@@ -2,6 +2,7 @@
 
 import json
 import shutil
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -24,6 +25,7 @@ from tulip_testbed.experiments.table_import.series_import import (
     sampled,
     series_of,
     series_rows,
+    without_gaps,
 )
 from tulip_testbed.experiments.table_import.sign_checks import SignCheck, check_signs
 from tulip_testbed.identification.contact_readings import ASSUMED_FORCE, ASSUMED_MOMENT
@@ -179,7 +181,7 @@ class _Import:
             signs = (
                 self._written(proposal, manifest.model_dump(exclude_unset=True), folder)
                 if series is None
-                else self._reduced(proposal, manifest, series, folder)
+                else self._reduced(proposal, manifest, series, folder, required)
             )
         mapped = {name: MappedColumn(name, None, 1, "name", signs.of(name)) for name in proposal.exact}
         for name, entry in proposal.mapping.items():
@@ -375,12 +377,22 @@ class _Import:
         return found.applied
 
     def _reduced(
-        self, proposal: Proposal, manifest: Manifest, series: SeriesOfMap, folder: Path
+        self,
+        proposal: Proposal,
+        manifest: Manifest,
+        series: SeriesOfMap,
+        folder: Path,
+        required: Sequence[str],
     ) -> SignCheck:
         """Reduce the samples of a series, settle its conventions, write the folder, check the signs."""
-        nominal = nominal_robot(self.robot)
+        nominal, mapping = nominal_robot(self.robot), proposal.mapping
         table = self.table.with_columns(added_columns(len(self.table), series))
-        mapped = MappedTable(table, proposal.mapping, manifest.gravity)
+        # The readings of a foot in the air may be absent.
+        always = [name for name in required if series.support or name == "time" or name.startswith("q.")]
+        sources = [mapping[name].column if name in mapping else name for name in always]
+        table, left_out = without_gaps(table, sources)
+        self.assumed += left_out
+        mapped = MappedTable(table, mapping, manifest.gravity)
         try:
             rows, assumed, problems = series_rows(mapped, manifest, nominal, series, self.stated)
             measurements = self._audited(rows)
