@@ -79,7 +79,8 @@ def without_gaps(table: TableFile, sources: Sequence[str]) -> tuple[TableFile, l
 
     Such samples are missing: a table without any other is returned as it is.
     """
-    gaps = np.isnan([table.numbers(source, True) for source in sources]).any(axis=0)
+    values = np.column_stack([table.numbers(source, True) for source in sources])
+    gaps: np.ndarray = np.any(np.isnan(values), axis=1)
     if not gaps.any() or gaps.all():
         return table, []
     first = int(gaps.argmax()) + 1
