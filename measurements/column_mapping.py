@@ -16,7 +16,7 @@ UNITS: dict[str, dict[str, float | None]] = {
     "length": {"m": 1.0, "cm": 1e-2, "mm": 1e-3},
     "force": {"N": 1.0, "kN": 1e3, "kgf": 9.80665, "kg": None},
     "moment": {"Nm": 1.0, "Nmm": 1e-3, "kNm": 1e3},
-    "time": {"s": 1.0, "ms": 1e-3, "min": 60.0},
+    "time": {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "min": 60.0},
     "speed": {"rad/s": 1.0, "deg/s": np.pi / 180},
     "acceleration": {"m/s2": 1.0, "mm/s2": 1e-3},
     "angular acceleration": {"rad/s2": 1.0, "deg/s2": np.pi / 180},

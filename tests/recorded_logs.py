@@ -54,8 +54,8 @@ def unit(channel):
     return "N" if channel[0] == "f" else "Nm"
 
 
-def write_table(path):
-    columns = {"t_s": CLOCK}
+def write_table(path, time=("t_s", CLOCK)):
+    columns = dict([time])
     columns |= {f"{name}_rad": ANGLES[:, k] for k, name in enumerate(NAMES)}
     columns |= {f"right_foot_{name}_{unit(name)}": WRENCHES[:, k] for k, name in enumerate(CHANNELS)}
     if path.suffix == ".parquet":
@@ -100,6 +100,7 @@ def stated_wrench(name):
 KINDS = {
     "log.csv": (write_table, []),
     "log.parquet": (write_table, []),
+    "of-a-bag.csv": (lambda path: write_table(path, ("timestamp_ns", 1.7e18 + 1e9 * CLOCK)), []),
     "log.mat": (
         write_matlab,
         [

@@ -18,7 +18,7 @@ FILLING = {
 WRITTEN = {"n m": "Nm", "n.m": "Nm", "n*m": "Nm", "\u00b0": "deg", "m/s^2": "m/s2", "m/s\u00b2": "m/s2"}
 KNOWN = {unit.lower(): unit for units in UNITS.values() for unit in units} | WRITTEN
 # Written after an underscore.
-ENDS = ("rad_s", "deg_s", "rad", "deg", "mm", "ms", "kg", "kgf", "kN", "Nm", "N", "s", "m")
+ENDS = ("rad_s", "deg_s", "rad", "deg", "mm", "ms", "us", "ns", "kg", "kgf", "kN", "Nm", "N", "s", "m")
 
 
 class Proposal(NamedTuple):
