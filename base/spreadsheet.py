@@ -9,8 +9,9 @@ from tulip_testbed.base.errors import InputError
 
 DECIMAL_COMMA = re.compile(r"[+-]?\d*,\d+([eE][+-]?\d+)?")
 DECIMAL_POINT = re.compile(r"[+-]?\d*\.\d+([eE][+-]?\d+)?")
-SEPARATOR_LINE = re.compile(r'"?sep=[,;]"?', re.IGNORECASE)
-COMMENT = re.compile(r'[\s"]*#')  # values lose the space around them, of any kind
+SEPARATOR_LINE = re.compile(r'"?sep=[,;\t]?"?', re.IGNORECASE)
+SEPARATORS, NUMBER = re.compile(r"[,;\t]"), re.compile(r'[\s"]*[+-]?\.?\d')
+COMMENT = re.compile(r'[\s"]*#[\s"#]*')  # values lose the space around them, of any kind
 NOT_VALUES = str.maketrans("", "", ',;"')  # without them an empty line is only space
 
 
@@ -18,21 +19,23 @@ def plain_csv(path: Path, content: bytes) -> bytes:
     """Return a CSV with commas between values, points within numbers and one line per posture.
 
     Also accepted are a byte order mark, any line ends, spaces around names and values, empty lines and
-    columns, lines that begin with #, Excel's first line `sep=;`, semicolons between values and, with
-    semicolons, decimal commas.
+    columns, lines that begin with #, names in one of those right before the numbers, Excel's first line
+    `sep=;`, semicolons or tabs between values and, with these, decimal commas.
     """
-    lines = [
-        (number, line)
-        for number, line in enumerate(_text(path, content).split("\n"), 1)
-        if not COMMENT.match(line) and line.translate(NOT_VALUES).strip()
-    ]
+    every = list(enumerate(_text(path, content).split("\n"), 1))
+    lines = [one for one in every if not COMMENT.match(one[1]) and one[1].translate(NOT_VALUES).strip()]
     if lines and SEPARATOR_LINE.fullmatch(lines[0][1].strip()):
         del lines[0]
+    if lines and NUMBER.match(lines[0][1]):  # numpy writes names as a comment
+        number, line = every[max(lines[0][0] - 2, 0)]
+        names = COMMENT.sub("", line, count=1)
+        if COMMENT.match(line) and len(SEPARATORS.findall(names)) == len(SEPARATORS.findall(lines[0][1])) > 0:
+            lines.insert(0, (number, names))
     if not lines:
         raise InputError(f"{path}: found no line with column names")
     header = re.sub(r'"[^"]*"', "", lines[0][1])
-    separator = ";" if header.count(";") > header.count(",") else ","
-    after_quote = re.compile(rf'"\s+({separator}|$)')
+    separator = max(",;\t", key=header.count)
+    after_quote = re.compile(rf'"[^\S\t]+({separator}|$)')
     texts = [after_quote.sub(r'"\1', line) for _, line in lines]
     try:
         reader = csv.reader(texts, delimiter=separator, skipinitialspace=True, strict=True)
@@ -52,11 +55,11 @@ def plain_csv(path: Path, content: bytes) -> bytes:
             raise InputError(
                 f"{path}: line {number}: found {len(row)} values, expected {width}, one per column name"
             )
-    if separator == ";":
+    if separator != ",":
         rows = _decimal_points(path, rows)
     out = io.StringIO()
     # A name with a semicolon would be taken for several.
-    quoting = csv.QUOTE_ALL if any(";" in name for name in rows[0]) else csv.QUOTE_MINIMAL
+    quoting = csv.QUOTE_ALL if any(SEPARATORS.search(name) for name in rows[0]) else csv.QUOTE_MINIMAL
     csv.writer(out, lineterminator="\n", quoting=quoting).writerows(row[:width] for row in rows)
     return out.getvalue().encode()
 

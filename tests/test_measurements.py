@@ -151,7 +151,7 @@ PLAIN = "".join(",".join(row) + "\n" for row in (NAMES, *ROWS)).encode()
 
 
 @given(
-    separator=st.sampled_from([",", ";"]),
+    separator=st.sampled_from([",", ";", "\t"]),
     comma=st.booleans(),
     spaces=st.integers(0, 3),
     end=st.sampled_from(["\n", "\r\n", "\r"]),
@@ -170,7 +170,7 @@ def test_every_spelling_means_the_same(
     separator, comma, spaces, end, mark, quoted, columns, between, last, top
 ):
     def value(text):
-        text = text.replace(".", ",") if comma and separator == ";" and text not in NAMES else text
+        text = text.replace(".", ",") if comma and separator != "," and text not in NAMES else text
         return " " * spaces + (f'"{text}"' if quoted else text) + " " * spaces
 
     lines = [separator.join([*map(value, row), *[""] * columns]) for row in (NAMES, *ROWS)]
@@ -180,6 +180,10 @@ def test_every_spelling_means_the_same(
         lines.insert(0, top + separator)
     text = end.join(lines) + (end if last else "")
     assert plain_csv(PATH, (b"\xef\xbb\xbf" if mark else b"") + text.encode()) == PLAIN
+
+
+def test_names_may_be_a_comment_as_numpy_writes_them():
+    assert plain_csv(PATH, b"# recorded in May\n# " + PLAIN) == PLAIN
 
 
 @rows("csv")
