@@ -211,6 +211,18 @@ EFFECTS = (
         """,
     ),
     _on_cells(
+        name="common-gain",
+        sentence="All cells read too much by this share of their load.",
+        parameters=(Parameter("gain", "", prior=0.02),),
+        mechanism=scaled(FORCES, lambda fault: 1 + fault.size),
+        words="All cells read too much by {0} of their load, or the weighed mass is wrong.",
+        explanation="""The gain of all load cells is off alike: they share a reference voltage, or the scale
+        with which the robot was weighed errs.
+
+        The centre of pressure stays where it is; only the sum of the cells against the weighed mass shows it.
+        """,
+    ),
+    _on_cells(
         name="thermal-gain-drift",
         sentence="The gain of all cells grows steadily, from 1 at the first posture to 1 + gain at the last.",
         parameters=(Parameter("gain", "", prior=0.01),),

@@ -67,12 +67,12 @@ def without_force(observed: Observation, link: str, force: np.ndarray) -> Observ
     weight.
 
     Args:
-        force: in the base frame, horizontal, (m, 2) or (2,), or of any direction, (m, 3) [N].
+        force: in the base frame, horizontal, (m, 2) or (2,), or of any direction, (m, 3) or (3,) [N].
     """
     place, weight = link_center(observed, link), observed.loaded_weight
     push = observed.push - force[..., :2] / weight[:, None]
     moment = (place[:, 2] + observed.depth)[:, None] * force[..., :2]
-    down = -force[:, 2] if force.shape[-1] == 3 else np.zeros(len(observed))
+    down = -force[..., 2] * np.ones(len(observed)) if force.shape[-1] == 3 else np.zeros(len(observed))
     moment = moment + down[:, None] * (place - observed.loaded_center)[:, :2]
     return loaded(observed, moment, down).changed(push=push)
 

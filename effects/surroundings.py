@@ -47,6 +47,17 @@ def _without_pull(observed: Observation, target: str, values: Values) -> Observa
     return without_force(observed, observed.tree.links[0], np.array(values))
 
 
+def _lift(rig: Rig, target: str, values: Values) -> Rig:
+    if values[0] == 0:
+        return rig
+    hooked, reach = hook(rig.robot), FAR * np.array([0.0, 0.0, 1.0])
+    return edited(rig, lambda spec: tie(spec, "hoist", hooked, reach, values[0] / FAR, 0.0))
+
+
+def _without_lift(observed: Observation, target: str, values: Values) -> Observation:
+    return without_force(observed, observed.tree.links[0], np.array([0.0, 0.0, values[0]]))
+
+
 def _hold(rig: Rig, target: str, values: Values) -> Rig:
     hooked = hook(rig.robot)
 
@@ -107,6 +118,20 @@ EFFECTS = (
 
         The simulation ties the torso's centre of mass by a soft spring to a point a kilometre away. The force
         is given in the base frame. Its moment about the floor of the cells shifts the centre of pressure.
+        """,
+    ),
+    Effect(
+        name="hoist",
+        sentence="Something carries a part of the robot's weight, at the torso's centre of mass.",
+        parameters=(Parameter("force", "N", prior=5.0, positive=True),),
+        mechanism=Physics(_lift, _without_lift),
+        words="Something lifts the torso with {0}.",
+        lasting=Lasting(until="cable", of_room=True),
+        explanation="""A hoist or a stiff cable carries a part of the robot's weight, the same in all postures.
+
+        The simulation ties the torso's centre of mass by a soft spring to a point a kilometre above. To the
+        centre of pressure it is as if the torso had less mass: only the sum of the cells against the weighed
+        mass shows it, as it shows a gain that all cells share. Look at the rope.
         """,
     ),
     Effect(

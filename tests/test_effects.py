@@ -41,6 +41,7 @@ PHYSICS = {  # values and the least cosine
     "link-length:left_hip": ((0.001,), 0.95),
     "link-length:torso": ((0.001,), 0.95),
     "tether": ((1.0, -1.5), 0.95),
+    "hoist": ((8.0,), 0.95),
     "tether-spring": ((20.0,), 0.95),
     "rocking:right.front_left": ((0.0003,), 0.95),
     "rocking:left.rear_right": ((0.0003,), 0.95),

@@ -166,6 +166,7 @@ READERS: dict[str, Reader] = {
     "cell-hysteresis": _on_cells(lambda r, load, v: v[0] * (r.before(load) - load)),
     "creep": _on_cells(_creep),
     "cell-gain": _on_cells(lambda r, load, v: v[0] * load),
+    "common-gain": _on_cells(lambda r, load, v: v[0] * load),
     "thermal-gain-drift": _on_cells(lambda r, load, v: v[0] * load * r.time[:, None, None]),
     "cell-tare": _on_cells(lambda r, load, v: v[0]),
     "cell-drift": _on_cells(lambda r, load, v: v[0] * r.time),
