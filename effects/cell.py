@@ -214,7 +214,7 @@ EFFECTS = (
         name="common-gain",
         sentence="All cells read too much by this share of their load.",
         parameters=(Parameter("gain", "", prior=0.02),),
-        mechanism=scaled(FORCES, lambda fault: 1 + fault.size),
+        mechanism=scaled(FORCES, lambda fault: np.full(len(CELLS), 1 + fault.size)),
         words="All cells read too much by {0} of their load, or the weighed mass is wrong.",
         explanation="""The gain of all load cells is off alike: they share a reference voltage, or the scale
         with which the robot was weighed errs.

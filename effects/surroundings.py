@@ -127,7 +127,7 @@ EFFECTS = (
         mechanism=Physics(_lift, _without_lift),
         words="Something lifts the torso with {0}.",
         lasting=Lasting(until="cable", of_room=True),
-        explanation="""A hoist or a stiff cable carries a part of the robot's weight, the same in all postures.
+        explanation="""A hoist or a stiff cable carries a part of the weight, the same in all postures.
 
         The simulation ties the torso's centre of mass by a soft spring to a point a kilometre above. To the
         centre of pressure it is as if the torso had less mass: only the sum of the cells against the weighed
