@@ -10,12 +10,12 @@ from tulip_testbed.effects.injection import edited
 from tulip_testbed.effects.instance import EffectInstance
 from tulip_testbed.experiments.imperfections import ordinary_members
 from tulip_testbed.experiments.laboratory import Laboratory
-from tulip_testbed.experiments.watching.alarm import largest_ratio
+from tulip_testbed.experiments.watching.alarm import CHANGED, OK, largest_ratio
 from tulip_testbed.experiments.watching.arriving_rows import joined
 from tulip_testbed.experiments.watching.day_model import DayModel, day_model
 from tulip_testbed.experiments.watching.row_columns import row_columns
-from tulip_testbed.experiments.watching.watch_row import CHANGED, OK, Verdict, begin_row, watch_row
-from tulip_testbed.experiments.watching.watch_state import RAMP, first_state
+from tulip_testbed.experiments.watching.watch_row import Verdict, watch_row
+from tulip_testbed.experiments.watching.watch_state import RAMP, begin_row, first_state
 from tulip_testbed.identification.distributions import chi2_isf
 from tulip_testbed.measurements import Measurements, PosturePlan
 from tulip_testbed.sim.random_robots import draw_robot, edit_of

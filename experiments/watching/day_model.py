@@ -105,26 +105,26 @@ class DayModel:
     inertias: np.ndarray | None = None
 
     @property
-    def rows(self) -> int:
-        """Count the rows of the day: postures, or windows of the planned motion."""
-        if self.window is None:
-            return len(self.plan)
-        assert self.plan.motion is not None
-        return max(1, round(self.plan.motion.seconds / self.window))
+    def held(self) -> bool:
+        """Return whether the robot holds postures; else it moves."""
+        return self.window is None
 
     @property
     def unit(self) -> str:
-        return "posture" if self.window is None else "row"
+        return "posture" if self.held else "row"
 
-    def number(self, row: int) -> int:
-        """Return the number of a posture in a row of the plan; rows of a motion are numbers."""
-        return int(self.plan.posture[row]) if self.window is None else row
+    @property
+    def rows(self) -> int:
+        """Count the rows of the day: postures, or windows of the planned motion."""
+        if self.window is None or self.plan.motion is None:
+            return len(self.plan)
+        return max(1, round(self.plan.motion.seconds / self.window))
 
     @property
     def lasting(self) -> slice:
         """Return the numbers of the state that are errors that last."""
         last = len(self.covariance) - PLATES - STANCE
-        count = 0 if self.window is None else len(self.unseen) + len(CELLS) + HIDDEN
+        count = 0 if self.held else len(self.unseen) + len(CELLS) + HIDDEN
         return slice(last - count, last)
 
     def kept(self, seconds: float) -> float:
@@ -163,9 +163,8 @@ class DayModel:
 
     def first_rows(self, rows: Measurements) -> np.ndarray:
         """Return the plan's first row of each row's posture (of a motion: of its placement), (m,); else 0."""
-        if self.window is None:
-            return (self.plan.posture == rows.posture[:, None]).argmax(axis=1)
-        return (self.plan.placement == rows.placement[:, None]).argmax(axis=1)
+        number = "posture" if self.held else "placement"
+        return (getattr(self.plan, number) == getattr(rows, number)[:, None]).argmax(axis=1)
 
     @cached_property
     def ramps(self) -> np.ndarray:
