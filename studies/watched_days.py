@@ -173,7 +173,7 @@ def known_ratio(model: DayModel, rows: Measurements, direction: int, onset: int)
             bias[-9 if anew else -3 :] = 0.0
         found = state.belief.predict(model, columns.row(k))
         if k >= onset:
-            grown = (k - onset + 1) / RAMP if model.directions[direction].ramp else 1.0
+            grown = (k - onset + 1) / RAMP if model.ramps[direction] else 1.0
             seen = grown * found.faults[:, direction] - found.state @ bias
             pull += float(found.value @ found.precision @ seen)
             information += float(seen @ found.precision @ seen)
@@ -187,9 +187,9 @@ def direction_of(model: DayModel, kind: Kind) -> int:
     """Return the number of the direction by which the watch knows a fault."""
     label = kind.watched or kind.label
     for k, one in enumerate(model.directions):
-        sizes = [one.sizes[number] for number in one.effect.sizes]
+        sizes = [one.values[number] for number in one.effect.sizes]
         along = [a != 0 for a in kind.along]
-        if one.label == label and one.ramp == kind.ramp and [s != 0 for s in sizes] == along:
+        if one.label == label and model.ramps[k] == kind.ramp and [s != 0 for s in sizes] == along:
             return k
     raise AssertionError(label)
 

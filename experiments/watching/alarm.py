@@ -186,7 +186,12 @@ def _still_there(
 
 
 def _words(model: DayModel, fault: Fault) -> str:
-    return model.directions[fault.direction].words(fault.size)
+    """Tell a change, of a ramp that in ten postures, in words."""
+    one, ramp = model.directions[fault.direction], model.ramps[fault.direction]
+    parameters = one.effect.parameters_on(one.target)
+    values = [parameters[k].text(fault.size * one.values[k]) for k in one.effect.sizes if one.values[k]]
+    sort = "drifts by about {} in ten postures" if ramp else "changed by about {}"
+    return f"{one.label}: {sort.format(', '.join(values))}"
 
 
 def _change(model: DayModel, fault: Fault, seen: str, advice: str) -> Finding:

@@ -159,16 +159,10 @@ def _families(
 
 def _faults(model: DayModel, seen: Observation, reach: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return the change of residuals and angles by one plausible size of each direction."""
-    begun, joints = seen.changed(time_fraction=np.ones(len(seen))), seen.joint_angles.shape[1]
-    columns = np.zeros((len(seen), SIZE, len(model.directions)))
-    angles = np.zeros((len(seen), joints, len(model.directions)))
-    known: dict[tuple[str, tuple[float, ...]], int] = {}
-    for k, direction in enumerate(model.directions):
-        if (twin := known.setdefault((direction.label, direction.sizes), k)) < k:
-            columns[..., k], angles[..., k] = columns[..., twin], angles[..., twin]
-            continue
-        sizes = tuple(STEP * value for value in direction.sizes)
-        change = difference(begun, direction.effect.remove(begun, direction.target, sizes)) / STEP
-        columns[..., k] = -(reach @ change[..., None])[..., 0]
-        angles[..., k] = -change[:, :joints]
-    return columns, angles
+    begun = seen.changed(time_fraction=np.ones(len(seen)))
+    changes = []
+    for fault in model.faults:
+        sizes = tuple(STEP * value for value in fault.values)
+        changes.append(difference(begun, fault.effect.remove(begun, fault.target, sizes)) / STEP)
+    every = np.stack([*changes, *(changes[k] for k in model.growing)], axis=2)
+    return -reach @ every, -every[:, : seen.joint_angles.shape[1]]
