@@ -174,7 +174,7 @@ def known_ratio(model: DayModel, rows: Measurements, direction: int, onset: int)
         found = state.belief.predict(model, columns.row(k))
         if k >= onset:
             grown = (k - onset + 1) / RAMP if model.ramps[direction] else 1.0
-            seen = grown * found.faults[:, direction] - found.state @ bias
+            seen = grown * found.here.faults[:, direction] - found.here.state @ bias
             pull += float(found.value @ found.precision @ seen)
             information += float(seen @ found.precision @ seen)
             bias = bias + found.gain @ seen

@@ -96,7 +96,8 @@ def test_evidence_for_a_step_by_hand():
     changes = Changes.none(1, 1)
     for k, value in enumerate([0.0, 0.0, 3.0, 3.0, 3.0, 3.0]):
         one = np.ones((1, 1))
-        innovation = Innovation(value * one[0], 4 * one, one / 4, 0 * one, 0 * one, one, 1)
+        here: Any = SimpleNamespace(state=0 * one, faults=one)
+        innovation = Innovation(value * one[0], 4 * one, one / 4, 0 * one, here)
         changes = changes.with_row(innovation, k, np.zeros(1, bool))
     assert changes.ratio[:, 0].max() == pytest.approx(4 * 9 / 4)
     assert changes.onset[changes.ratio[:, 0].argmax()] == 2
@@ -107,7 +108,8 @@ def test_evidence_for_a_ramp_by_hand():
     changes = Changes.none(1, 1)
     for k in range(5):
         one = np.ones((1, 1))
-        innovation = Innovation((k + 1) / 10 * one[0], one, one, 0 * one, 0 * one, one, 1)
+        here: Any = SimpleNamespace(state=0 * one, faults=one)
+        innovation = Innovation((k + 1) / 10 * one[0], one, one, 0 * one, here)
         changes = changes.with_row(innovation, k, np.ones(1, bool))
     assert changes.ratio[0, 0] == pytest.approx(55 / 100)
 

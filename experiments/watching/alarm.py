@@ -62,9 +62,9 @@ def judge(
         findings = [change]
         if state.fault is not None:
             return state, CHANGED, findings
-    here = columns.about(state.belief.mean[: model.parameters])
+    here = innovation.here
     again = _repeat_probability(model, state, here, posture)
-    alone = float(chi2_sf(innovation.chi_square, innovation.freedom))
+    alone = float(chi2_sf(innovation.chi_square, int(here.used.sum())))
     changes = state.changes.with_row(innovation, state.count, model.ramps)
     sudden = float(changes.ratio[changes.onset.argmax()].max())  # of one row alone
     unlikely = alone < level(model, "row") or again < level(model, "repeat")
@@ -169,7 +169,7 @@ def _still_there(
     model: DayModel, state: WatchState, fault: Fault, innovation: Innovation
 ) -> tuple[WatchState, Finding]:
     """Return the state after one more row, not taken in while the change is there, and what to say of it."""
-    signature = fault.size * innovation.faults[:, fault.direction]
+    signature = fault.size * innovation.here.faults[:, fault.direction]
     there = float(signature @ innovation.precision @ (innovation.value - signature / 2))
     there *= model.independent  # the estimate stands still, so that noise that lasts is in every row
     fault = replace(fault, gone=max(0.0, fault.gone - there))

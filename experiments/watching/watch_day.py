@@ -3,7 +3,7 @@
 import math
 import time
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import ExitStack
+from contextlib import nullcontext
 from dataclasses import dataclass
 from hashlib import sha256
 from pathlib import Path
@@ -149,10 +149,9 @@ class Watch(Result):
         Rows of a motion wait until the first ones have shown how its noise lasts.
         """
         out, where = self._out, self.folder / "manifest.json"
-        with ExitStack() as stack:
-            if out is not None:
-                arriving_rows.check_state_file(out)
-                stack.enter_context(alone_on(out))
+        if out is not None:
+            arriving_rows.check_state_file(out)
+        with nullcontext() if out is None else alone_on(out):
             manifest = read_manifest(self.folder)
             model = self._model(manifest, where)
             self._targets = _targets_of(model.nominal.parameters.names, self._targets)

@@ -50,18 +50,14 @@ class Innovation:
     Attributes:
         value: residuals less their prediction, (11,). covariance: of the prediction, (11, 11).
         precision: its inverse. gain: of the state by the residuals, (n, 11).
-        state: derivative of the residuals by the state where they were predicted, (11, n).
-        faults: change by one plausible size of each fault there, (11, c).
-        freedom: residuals in use.
+        here: the posture's columns about the estimate by which it was predicted.
     """
 
     value: np.ndarray
     covariance: np.ndarray
     precision: np.ndarray
     gain: np.ndarray
-    state: np.ndarray
-    faults: np.ndarray
-    freedom: int
+    here: RowColumns
 
     @property
     def chi_square(self) -> float:
@@ -71,8 +67,8 @@ class Innovation:
     @property
     def evidence(self) -> np.ndarray:
         """Return y and w of every fault that begins here, by this row alone, (2, c)."""
-        weighed = self.precision @ self.faults
-        return np.stack([self.value @ weighed, (self.faults * weighed).sum(axis=0)])
+        weighed = self.precision @ self.here.faults
+        return np.stack([self.value @ weighed, (self.here.faults * weighed).sum(axis=0)])
 
 
 @dataclass(frozen=True, eq=False)
@@ -107,9 +103,7 @@ class Belief:
             covariance=covariance,
             precision=precision,
             gain=across.T @ precision,
-            state=here.state,
-            faults=here.faults,
-            freedom=int(here.used.sum()),
+            here=here,
         )
 
     def updated(self, innovation: Innovation) -> Belief:
@@ -217,7 +211,7 @@ class Changes:
             values[at] = 0
         onset[at] = count
         grown = np.where(ramps, (count - onset[:, None] + 1) / RAMP, 1.0)
-        seen = innovation.faults * grown[:, None] - innovation.state @ bias
+        seen = innovation.here.faults * grown[:, None] - innovation.here.state @ bias
         weighed = innovation.precision @ seen
         return Changes(
             onset=onset,
