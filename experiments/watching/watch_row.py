@@ -101,10 +101,10 @@ def watch_row(
         verdict, findings = UNPLANNED, [Finding(kind, "fail", seen, wanted, advice="Look at its number.")]
     elif time == state.time and planned == state.row:
         # Its noise is the same, so that it would count for more than it says.
-        where = f"posture {posture}"
-        seen, wanted = f"{where} at the same time as in the row before", "a row for every measurement"
-        twice = Finding("order", "fail", seen, wanted, where, "Delete one of the two rows.")
-        verdict, findings = UNUSABLE, [twice]
+        where, wanted = f"posture {posture}", "a row for every measurement"
+        seen = f"{where} at the same time as in the row before"
+        advice = "Delete one of the two rows."
+        verdict, findings = UNUSABLE, [Finding("order", "fail", seen, wanted, where, advice)]
     else:
         verdict, findings = _by_itself(model, state, row, planned)
         kept = model.shares[0] * model.kept(time - state.time)
@@ -116,15 +116,11 @@ def watch_row(
             findings = [*told, *findings]
         state = state.marked(planned, MEASURED if verdict == OK else AGAIN)
     errors = state.information.standard_errors()
+    met = targets is not None and np.isfinite(targets).any() and (errors <= targets).all()
     left, stop = int((state.done != MEASURED).sum()), ""
     if state.fault is None and model.held and left == 0:
         stop = "every posture of the plan is measured"
-    elif (
-        state.fault is None
-        and targets is not None
-        and np.isfinite(targets).any()
-        and (errors <= targets).all()
-    ):
+    elif state.fault is None and met:
         more = f"; {left} posture{'s are' if left > 1 else ' is'} left" if model.held else ""
         stop = f"the targets are met{more}"
     return state, Verdict(
