@@ -11,13 +11,13 @@ from tulip_testbed.effects.instance import EffectInstance
 from tulip_testbed.experiments.imperfections import ordinary_members
 from tulip_testbed.experiments.laboratory import Laboratory
 from tulip_testbed.experiments.watching.alarm import CHANGED, OK, largest_ratio
-from tulip_testbed.experiments.watching.arriving_rows import joined
 from tulip_testbed.experiments.watching.day_model import DayModel, day_model
 from tulip_testbed.experiments.watching.row_columns import row_columns
 from tulip_testbed.experiments.watching.watch_row import Verdict, watch_row
 from tulip_testbed.experiments.watching.watch_state import RAMP, begin_row, first_state
 from tulip_testbed.identification.distributions import chi2_isf
 from tulip_testbed.measurements import Measurements, PosturePlan
+from tulip_testbed.measurements.data import stacked
 from tulip_testbed.sim.random_robots import draw_robot, edit_of
 from tulip_testbed.sim.rig import preset_rig
 from tulip_testbed.sim.robot import load_robot
@@ -252,7 +252,7 @@ def with_fault(day: Day, kind: Kind, size: float, plan: PosturePlan, start: floa
         rig = preset_rig(day.laboratory.sensors, day.laboratory.robot)
         misread = effect.inject(rig, target, values).misread
         assert misread is not None
-        return joined([day.rows.take(before), misread(day.rows.take(after))])
+        return stacked([day.rows.take(before), misread(day.rows.take(after))])
     if "start" in (names := [p.name for p in effect.parameters]):
         late = 0.1  # before that part of the run which is used
         values = tuple(late if n == "start" else v for n, v in zip(names, values, strict=True))
@@ -262,7 +262,7 @@ def with_fault(day: Day, kind: Kind, size: float, plan: PosturePlan, start: floa
             values = tuple(a + b for a, b in zip(one.values, values, strict=True))
     laboratory = replace(day.laboratory, hidden=(*others, EffectInstance(effect, target, values)))
     faulty = laboratory.run(plan, day.stream, day.engine, workers=1).measurements
-    return joined([day.rows.take(before), faulty.take(faulty.time >= start)])
+    return stacked([day.rows.take(before), faulty.take(faulty.time >= start)])
 
 
 def _same_unit(kind: Kind) -> float:

@@ -21,7 +21,7 @@ from tulip_testbed.base.errors import InputError, shortened
 from tulip_testbed.base.files import check_new, check_outside, opened, present, read_bytes, write_bytes
 from tulip_testbed.base.table_files import TableFile
 from tulip_testbed.measurements import Measurements
-from tulip_testbed.measurements.data import OF_ROWS
+from tulip_testbed.measurements.data import stacked
 from tulip_testbed.measurements.logs.series_reduction import reduced_window
 from tulip_testbed.measurements.manifest import Manifest
 from tulip_testbed.measurements.measurement_folder import (
@@ -196,7 +196,7 @@ class ArrivingSamples(ArrivingRows):
         try:
             mapped = mapped_samples(self.manifest, self._table(lines), self.where)
             samples = samples_from(self.manifest, mapped, self.where)
-            known = joined([*self._ends, samples])
+            known = stacked([*self._ends, samples])
             check_segments(self.path, known.time, known.posture, known.placement, known.support)
         except InputError as error:
             if len(lines) == 1:
@@ -213,7 +213,7 @@ class ArrivingSamples(ArrivingRows):
         """Yield the row of every window of a segment that ends before one of these samples, or a problem."""
         before, whole, begin = self._waiting, samples, 0
         if before is not None and before.posture[0] == samples.posture[0]:
-            whole = joined([before, samples])
+            whole = stacked([before, samples])
             self._ends.pop()
         else:
             self._start, self._next = float(samples.time[0]), 0
@@ -233,15 +233,6 @@ class ArrivingSamples(ArrivingRows):
             # Windows without a sample give nothing.
             self._next, begin = max(self._next + 1, int((time - self._start) / self.window + 1e-9)), k
         self._waiting = whole.take(np.arange(begin, len(whole)))
-
-
-def joined(samples: list[Measurements]) -> Measurements:
-    arrays = {
-        name: np.concatenate([getattr(one, name) for one in samples])
-        for name, values in vars(samples[0]).items()
-        if name in OF_ROWS and values is not None
-    }
-    return replace(samples[0], **arrays)  # pyrefly: ignore[bad-argument-type]
 
 
 def text_of(line: bytes) -> bytes:

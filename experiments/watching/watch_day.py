@@ -28,7 +28,6 @@ from tulip_testbed.experiments.watching.arriving_rows import (
     ArrivingRows,
     ArrivingSamples,
     Seen,
-    joined,
 )
 from tulip_testbed.experiments.watching.day_model import DayModel, day_model
 from tulip_testbed.experiments.watching.noise_of_day import FIRST, with_noise_in_time
@@ -37,6 +36,7 @@ from tulip_testbed.experiments.watching.watch_state import first_state
 from tulip_testbed.identification.nominal import nominal_robot
 from tulip_testbed.identification.regressor import check_robot
 from tulip_testbed.measurements import Measurements, PosturePlan
+from tulip_testbed.measurements.data import stacked
 from tulip_testbed.measurements.logs.series_reduction import usual_window
 from tulip_testbed.measurements.manifest import Manifest
 from tulip_testbed.measurements.measurement_folder import header_in, read_manifest
@@ -169,7 +169,7 @@ class Watch(Result):
                 if rows < first:
                     continue
                 if rows == first and arrived.row is not None:
-                    shown = joined([one.row for one in waiting if one.row is not None])
+                    shown = stacked([one.row for one in waiting if one.row is not None])
                     model = one_blas_thread(with_noise_in_time)(model, shown)
                     state = first_state(model)
                 for line, row, problem in waiting:
