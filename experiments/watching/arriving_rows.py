@@ -184,40 +184,44 @@ class ArrivingSamples(ArrivingRows):
     weight: float
     window: float
     _count: int = 0  # of rows
-    _ends: list[Measurements] = field(default_factory=list)  # last sample of every segment so far
+    _ends: Measurements | None = None  # last sample of every segment so far
     _waiting: Measurements | None = None  # samples since the next window's start
     _start: float = 0.0  # of the segment's first window
     _next: int = 0  # window of the segment
 
-    def _taken(self, lines: Iterable[Line]) -> Iterator[Arrived]:
-        """Yield rows and problems of some lines; those that cannot be read together are halved."""
-        if not (lines := list(lines)):
+    def _taken(self, lines: Iterable[Line], samples: Measurements | None = None) -> Iterator[Arrived]:
+        """Yield rows and problems of some lines, which hold these samples; None: they are to be read.
+
+        Lines that cannot be read together, or that cannot follow those before them, are halved.
+        """
+        lines = list(lines)
+        if not lines:
             return
+        every = np.arange(len(lines))
         try:
-            mapped = mapped_samples(self.manifest, self._table(lines), self.where)
-            samples = samples_from(self.manifest, mapped, self.where)
-            known = stacked([*self._ends, samples])
+            if samples is None:
+                mapped = mapped_samples(self.manifest, self._table(lines), self.where)
+                samples = samples_from(self.manifest, mapped, self.where)
+            known = samples if self._ends is None else stacked([self._ends, samples])
             check_segments(self.path, known.time, known.posture, known.placement, known.support)
         except InputError as error:
             if len(lines) == 1:
                 yield Arrived(lines[0], None, self._problem(lines[0], error))
                 return
-            half = len(lines) // 2
-            yield from self._taken(lines[:half])
-            yield from self._taken(lines[half:])
+            for half in (slice(len(lines) // 2), slice(len(lines) // 2, None)):
+                yield from self._taken(lines[half], samples and samples.take(every[half]))
             return
+        self._ends = known.take(np.array([rows.stop - 1 for rows in runs(known.posture)]))
         for rows in runs(samples.posture):
-            yield from self._windows(samples.take(np.arange(len(samples))[rows]), lines[rows])
+            yield from self._windows(samples.take(every[rows]), lines[rows])
 
     def _windows(self, samples: Measurements, lines: list[Line]) -> Iterator[Arrived]:
         """Yield the row of every window of a segment that ends before one of these samples, or a problem."""
         before, whole, begin = self._waiting, samples, 0
         if before is not None and before.posture[0] == samples.posture[0]:
             whole = stacked([before, samples])
-            self._ends.pop()
         else:
             self._start, self._next = float(samples.time[0]), 0
-        self._ends.append(samples.take(np.array([-1])))
         for k, line in enumerate(lines, len(whole) - len(samples)):
             time, start = float(whole.time[k]), self._start + self.window * self._next
             if time < start + self.window - 1e-9:
