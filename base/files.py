@@ -10,15 +10,17 @@ import os
 import shutil
 import stat
 import tempfile
+import tomllib
 import uuid
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import BinaryIO
+from typing import Any, BinaryIO
 
 from tulip_testbed.base.errors import InputError, shortened
 
 MOST_BYTES = 64 * 2**20  # of any file that is read
+MOST_TOML = 2**20  # bytes
 NO_LINKS = (errno.EPERM, errno.EOPNOTSUPP, errno.ENOSYS, errno.EMLINK, errno.EXDEV)
 MOST_NAME = 255  # bytes of a part of a path, on every usual file system
 TRIES = 100  # at a hidden name, which other processes may take for stale
@@ -92,6 +94,16 @@ def read_text(path: Path, most: int = MOST_BYTES) -> str:
         return read_bytes(path, most).decode("utf-8-sig")
     except UnicodeDecodeError as error:
         raise InputError(f"{path}: byte {error.start}: not UTF-8 text ({error.reason})") from None
+
+
+def read_toml(path: Path) -> dict[str, Any]:
+    """Read a TOML file of at most `MOST_TOML` bytes."""
+    try:
+        return tomllib.loads(read_text(path, MOST_TOML))
+    except tomllib.TOMLDecodeError as error:
+        raise InputError(f"{path}: not a TOML file ({error})") from None
+    except RecursionError:
+        raise InputError(f"{path}: nested too deep") from None
 
 
 def present(path: Path) -> bool:

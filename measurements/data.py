@@ -1,5 +1,6 @@
 """Posture plans, measurements and plate geometry as plain arrays."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any, Self
 
@@ -318,6 +319,15 @@ def wrong_arrays(holder: Any, shapes: dict[str, tuple[Any, ...]]) -> str:
             size = ", ".join(map(str, shape))
             return f"{name}: found {seen}, expected an array of {OF_KIND[kind]} ({size})"
     return ""
+
+
+def stacked(parts: Sequence[Measurements]) -> Measurements:
+    """Return the rows of measurements with one header, in order; what one of them lacks is left out."""
+    rows: dict[str, Any] = {}
+    for name in OF_ROWS:
+        values = [getattr(one, name) for one in parts]
+        rows[name] = None if any(v is None for v in values) else np.concatenate(values)
+    return replace(parts[0], **rows)
 
 
 def feet_in_contact(support: np.ndarray) -> np.ndarray:

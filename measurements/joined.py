@@ -3,13 +3,12 @@
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import scipy
 
 from tulip_testbed.base.errors import InputError, look_up, shortened
-from tulip_testbed.measurements.data import OF_ROWS, Measurements
+from tulip_testbed.measurements.data import Measurements, stacked
 from tulip_testbed.measurements.manipulations import Experiment, arrangement_of, needs_cells
 from tulip_testbed.measurements.measurement_folder import read_measurements, write_measurements
 
@@ -43,19 +42,18 @@ def joined(measured: Sequence[Measurements], sources: Sequence[str] = ()) -> Mea
             if sources:  # readings that a plan predicts for the same laboratory may well be alike
                 _check_different(other, one, f"{name} and {before}")
     each = [one for one, _ in parts]
-    rows: dict[str, Any] = {}
-    for field in OF_ROWS:
-        values = [getattr(one, field) for one in each]
-        if field == "wrench_jerks" and any(v is not None for v in values):  # older folders hold none
-            unknown = [np.full_like(one.wrenches, np.nan) for one in each]
-            values = [other if v is None else v for v, other in zip(values, unknown, strict=True)]
-        rows[field] = None if any(v is None for v in values) else np.concatenate(values)
-    rows["placement"] = np.concatenate(_renumbered([one.placement for one in each]))
-    rows["posture"] = np.concatenate(_renumbered([one.posture for one in each]))
-    rows["time"] = np.concatenate(_apart([one.time for one in each]))
-    rows["experiment"] = np.repeat(np.arange(len(each)), [len(one) for one in each])
-    experiments = tuple(_experiment(one) for one in each)
-    return replace(each[0], **rows, experiments=experiments, weighed_mass=_weighed(parts))
+    for k, one in enumerate(each):
+        if one.wrench_jerks is None and any(other.wrench_jerks is not None for other in each):
+            each[k] = replace(one, wrench_jerks=np.full_like(one.wrenches, np.nan))  # of an older folder
+    return replace(
+        stacked(each),
+        placement=np.concatenate(_renumbered([one.placement for one in each])),
+        posture=np.concatenate(_renumbered([one.posture for one in each])),
+        time=np.concatenate(_apart([one.time for one in each])),
+        experiment=np.repeat(np.arange(len(each)), [len(one) for one in each]),
+        experiments=tuple(_experiment(one) for one in each),
+        weighed_mass=_weighed(parts),
+    )
 
 
 def as_joined(measurements: Measurements) -> Measurements:

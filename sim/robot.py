@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import hashlib
 import os
-import tomllib
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
@@ -16,7 +15,7 @@ import mujoco
 import numpy as np
 
 from tulip_testbed.base.errors import InputError, choices, listed, look_up, shortened
-from tulip_testbed.base.files import check_path, present, read_text, sha256
+from tulip_testbed.base.files import check_path, present, read_toml, sha256
 from tulip_testbed.measurements.cells import CORNERS
 from tulip_testbed.sim.mjcf_files import mjcf_files
 from tulip_testbed.sim.model_check import check_before_compiling, check_model
@@ -29,7 +28,6 @@ KEYS = (
     *("z_down", "simplified", "correlated", "residual_sigma_mm", "planning", "paper"),
     *("drives", "compliance"),
 )
-MOST_TOML = 2**20  # bytes
 DESCRIBED = ("scene_file", "plate_file", "stance_foot", "swing_foot", "settings")  # fields not compiled
 STAND = "stand"  # the keyframe where inverse kinematics starts
 DESCRIPTION = "robot.toml"  # in a folder that `tulip robot` writes
@@ -192,12 +190,7 @@ def _description(path: Path) -> dict[str, Any]:
         raise InputError(
             f"{path}: found a model, expected a description (TOML): `tulip robot` makes one of it"
         )
-    try:
-        settings = tomllib.loads(read_text(path, MOST_TOML))
-    except tomllib.TOMLDecodeError as error:
-        raise InputError(f"{path}: not a TOML file ({error})") from None
-    except RecursionError:
-        raise InputError(f"{path}: not a robot description: nested too deep") from None
+    settings = read_toml(path)
     if unknown := [key for key in settings if key not in KEYS]:
         raise InputError(f"{path}: unknown key '{unknown[0]}'; {choices(unknown[0], KEYS)}")
     optional = [key for key in ("scene", "plate") if key in settings]

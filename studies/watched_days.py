@@ -10,14 +10,14 @@ from tulip_testbed.effects.injection import edited
 from tulip_testbed.effects.instance import EffectInstance
 from tulip_testbed.experiments.imperfections import ordinary_members
 from tulip_testbed.experiments.laboratory import Laboratory
-from tulip_testbed.experiments.watching.alarm import largest_ratio
-from tulip_testbed.experiments.watching.arriving_rows import joined
+from tulip_testbed.experiments.watching.alarm import CHANGED, OK, largest_ratio
 from tulip_testbed.experiments.watching.day_model import DayModel, day_model
 from tulip_testbed.experiments.watching.row_columns import row_columns
-from tulip_testbed.experiments.watching.watch_row import CHANGED, OK, Verdict, begin_row, watch_row
-from tulip_testbed.experiments.watching.watch_state import RAMP, first_state
+from tulip_testbed.experiments.watching.watch_row import Verdict, watch_row
+from tulip_testbed.experiments.watching.watch_state import RAMP, begin_row, first_state
 from tulip_testbed.identification.distributions import chi2_isf
 from tulip_testbed.measurements import Measurements, PosturePlan
+from tulip_testbed.measurements.data import stacked
 from tulip_testbed.sim.random_robots import draw_robot, edit_of
 from tulip_testbed.sim.rig import preset_rig
 from tulip_testbed.sim.robot import load_robot
@@ -173,8 +173,8 @@ def known_ratio(model: DayModel, rows: Measurements, direction: int, onset: int)
             bias[-9 if anew else -3 :] = 0.0
         found = state.belief.predict(model, columns.row(k))
         if k >= onset:
-            grown = (k - onset + 1) / RAMP if model.directions[direction].ramp else 1.0
-            seen = grown * found.faults[:, direction] - found.state @ bias
+            grown = (k - onset + 1) / RAMP if model.ramps[direction] else 1.0
+            seen = grown * found.here.faults[:, direction] - found.here.state @ bias
             pull += float(found.value @ found.precision @ seen)
             information += float(seen @ found.precision @ seen)
             bias = bias + found.gain @ seen
@@ -187,9 +187,9 @@ def direction_of(model: DayModel, kind: Kind) -> int:
     """Return the number of the direction by which the watch knows a fault."""
     label = kind.watched or kind.label
     for k, one in enumerate(model.directions):
-        sizes = [one.sizes[number] for number in one.effect.sizes]
+        sizes = [one.values[number] for number in one.effect.sizes]
         along = [a != 0 for a in kind.along]
-        if one.label == label and one.ramp == kind.ramp and [s != 0 for s in sizes] == along:
+        if one.label == label and model.ramps[k] == kind.ramp and [s != 0 for s in sizes] == along:
             return k
     raise AssertionError(label)
 
@@ -252,7 +252,7 @@ def with_fault(day: Day, kind: Kind, size: float, plan: PosturePlan, start: floa
         rig = preset_rig(day.laboratory.sensors, day.laboratory.robot)
         misread = effect.inject(rig, target, values).misread
         assert misread is not None
-        return joined([day.rows.take(before), misread(day.rows.take(after))])
+        return stacked([day.rows.take(before), misread(day.rows.take(after))])
     if "start" in (names := [p.name for p in effect.parameters]):
         late = 0.1  # before that part of the run which is used
         values = tuple(late if n == "start" else v for n, v in zip(names, values, strict=True))
@@ -262,7 +262,7 @@ def with_fault(day: Day, kind: Kind, size: float, plan: PosturePlan, start: floa
             values = tuple(a + b for a, b in zip(one.values, values, strict=True))
     laboratory = replace(day.laboratory, hidden=(*others, EffectInstance(effect, target, values)))
     faulty = laboratory.run(plan, day.stream, day.engine, workers=1).measurements
-    return joined([day.rows.take(before), faulty.take(faulty.time >= start)])
+    return stacked([day.rows.take(before), faulty.take(faulty.time >= start)])
 
 
 def _same_unit(kind: Kind) -> float:

@@ -25,8 +25,9 @@ from tulip_testbed.sim.control import torque_limits
 from tulip_testbed.sim.robot import joint_ranges
 
 
-def at_rest(loads, angles, support="double"):
-    return loads.at(np.arange(3.0), np.tile(angles, (3, 1)), support)
+def at_rest(angles):
+    """Return instants and joint angles of a robot that keeps a posture."""
+    return np.arange(3.0), np.tile(angles, (3, 1))
 
 
 @pytest.mark.parametrize("name", ["optimal", "mixed"])
@@ -34,7 +35,7 @@ def test_torques_at_rest_are_the_plan_s(robot, name):
     """Which planning computed from its own kinematics."""
     plan, loads = getattr(tt.plans, name), LoadsInMotion(robot)
     for k in range(0, len(plan), 7):
-        found = at_rest(loads, plan.joint_angles[k], str(plan.support[k]))
+        found = loads.at(*at_rest(plan.joint_angles[k]), str(plan.support[k]))
         np.testing.assert_allclose(found.torques[1], plan.torques[k], atol=1e-6)
         np.testing.assert_allclose(found.zmp[1], found.com[1], atol=1e-9)
 
@@ -100,11 +101,11 @@ def test_motions_begin_and_end_at_rest_in_their_postures(small_protocol):
 def test_a_posture_that_asks_too_much_is_reached_in_the_hoist(robot):
     """Posture 25 of the random plan needs more than its drives give, if the load is shared as planned."""
     plan = tt.plans.random
-    loads, planner = LoadsInMotion(robot), MotionPlanner(robot, plan)
+    planner = MotionPlanner(robot, plan)
     over = [
         k
         for k in range(60)
-        if planner.dynamic_room(at_rest(loads, plan.joint_angles[k]), "double")["torque"] < -0.05
+        if planner.dynamic_room(*at_rest(plan.joint_angles[k]), "double")["torque"] < -0.05
         and plan.placement[k] == plan.placement[k - 1]
     ]
     motion = MotionPlanner(robot, plan).motion(over[0] - 1, over[0])

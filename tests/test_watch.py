@@ -11,18 +11,17 @@ import tulip_testbed as tt
 from tests import edited_rows
 from tests.edited_rows import changed, plus
 from tests.test_refusals import check_words, rows
-from tulip_testbed.experiments.watching.alarm import fault_of_changes, largest_ratio, level
-from tulip_testbed.experiments.watching.day_model import DayModel, day_model
-from tulip_testbed.experiments.watching.row_checks import UNUSABLE
-from tulip_testbed.experiments.watching.row_columns import row_columns
-from tulip_testbed.experiments.watching.watch_row import (
+from tulip_testbed.experiments.watching.alarm import (
     CHANGED,
     OK,
     REPEAT,
-    Verdict,
-    planned_row,
-    watch_row,
+    fault_of_changes,
+    largest_ratio,
+    level,
 )
+from tulip_testbed.experiments.watching.day_model import DayModel, day_model
+from tulip_testbed.experiments.watching.row_columns import row_columns
+from tulip_testbed.experiments.watching.watch_row import UNUSABLE, Verdict, planned_row, watch_row
 from tulip_testbed.experiments.watching.watch_state import (
     AGAIN,
     OF_PLACEMENT,
@@ -97,7 +96,8 @@ def test_evidence_for_a_step_by_hand():
     changes = Changes.none(1, 1)
     for k, value in enumerate([0.0, 0.0, 3.0, 3.0, 3.0, 3.0]):
         one = np.ones((1, 1))
-        innovation = Innovation(value * one[0], 4 * one, one / 4, 0 * one, 0 * one, one, 1)
+        here: Any = SimpleNamespace(state=0 * one, faults=one)
+        innovation = Innovation(value * one[0], 4 * one, one / 4, 0 * one, here)
         changes = changes.with_row(innovation, k, np.zeros(1, bool))
     assert changes.ratio[:, 0].max() == pytest.approx(4 * 9 / 4)
     assert changes.onset[changes.ratio[:, 0].argmax()] == 2
@@ -108,7 +108,8 @@ def test_evidence_for_a_ramp_by_hand():
     changes = Changes.none(1, 1)
     for k in range(5):
         one = np.ones((1, 1))
-        innovation = Innovation((k + 1) / 10 * one[0], one, one, 0 * one, 0 * one, one, 1)
+        here: Any = SimpleNamespace(state=0 * one, faults=one)
+        innovation = Innovation((k + 1) / 10 * one[0], one, one, 0 * one, here)
         changes = changes.with_row(innovation, k, np.ones(1, bool))
     assert changes.ratio[0, 0] == pytest.approx(55 / 100)
 
@@ -193,9 +194,9 @@ def test_what_was_measured_since_a_change_began_is_forgotten(watched, before):
     seen = replace(before, changes=replace(before.changes, pull=pull))
     state = fault_of_changes(watched, seen)
     assert state.fault is not None
-    assert state.fault.onset == first
     since, until = list(before.taken[-3:]), list(before.taken[:-3])
     postures = watched.plan.posture
+    assert state.fault.posture == postures[since[0]]
     assert set(postures[[*since, *until]]) <= before.earlier.keys()
     assert not set(postures[since]) & state.earlier.keys()
     assert set(postures[until]) <= state.earlier.keys()
@@ -220,7 +221,7 @@ def test_a_row_that_came_twice_counts_once(watched, day):
 def test_a_posture_that_is_measured_again_is_not_taken_for_its_repeat_elsewhere(watched):
     """Posture 5 opens placement 1 and is repeated in placement 7."""
     plan = SimpleNamespace(posture=np.array([5, 6, 5]), placement=np.array([1, 1, 7]))
-    model: Any = SimpleNamespace(plan=plan, window=None)
+    model: Any = SimpleNamespace(plan=plan, held=True)
     state: Any = SimpleNamespace(done=np.array([AGAIN, OPEN, OPEN]))
     assert planned_row(model, state, 5, 1) == 0
     assert planned_row(model, state, 5, 7) == 2

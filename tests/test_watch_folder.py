@@ -15,9 +15,9 @@ from tests.test_cli import TULIP
 from tests.test_refusals import change_document, check_words, refuse, rows
 from tests.test_watch import measured_day
 from tulip_testbed.cli.main import main
+from tulip_testbed.experiments.watching.alarm import OK
 from tulip_testbed.experiments.watching.arriving_rows import MOST_AT_ONCE, ArrivingRows
 from tulip_testbed.experiments.watching.watch_day import read_targets
-from tulip_testbed.experiments.watching.watch_row import OK
 from tulip_testbed.measurements import Measurements, write_measurements
 
 ROWS = 12

@@ -13,11 +13,12 @@ from tests.test_refusals import change_document
 from tests.test_watch import play
 from tulip_testbed.base.table_files import write_table
 from tulip_testbed.experiments.watching import watch_day
+from tulip_testbed.experiments.watching.alarm import CHANGED, ODD, OK
 from tulip_testbed.experiments.watching.arriving_rows import ArrivingSamples
 from tulip_testbed.experiments.watching.day_model import DayModel, day_model
 from tulip_testbed.experiments.watching.noise_of_day import FIRST, TRIED, likelihood, with_noise_in_time
 from tulip_testbed.experiments.watching.row_columns import row_columns
-from tulip_testbed.experiments.watching.watch_row import CHANGED, ODD, OK, _without_noise
+from tulip_testbed.experiments.watching.watch_row import _columns
 from tulip_testbed.experiments.watching.watch_state import Belief, DesignInformation, first_state
 from tulip_testbed.identification.noise_in_time import NoiseInTime
 from tulip_testbed.identification.nominal import nominal_robot
@@ -151,7 +152,7 @@ def test_columns_do_not_hold_the_noise_that_a_row_shows(model, samples):
     before = row_columns(model, one).row(0)
     belief = state.belief.updated(state.belief.predict(model, before))
     errors = model.noise.cell * belief.mean[model.lasting][None, -8:]
-    after = _without_noise(model, state, one, before)
+    after = _columns(model, state, one)
     clean = row_columns(model, replace(one, cell_forces=one.cell_forces - errors)).row(0)
     assert np.abs(after.faults - before.faults).max() > 1e-6
     np.testing.assert_allclose(after.faults, clean.faults, atol=1e-12)

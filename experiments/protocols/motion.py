@@ -9,7 +9,7 @@ import numpy as np
 import yaml
 
 from tulip_testbed.experiments.defaults import SPEED
-from tulip_testbed.experiments.protocols.motion_loads import LoadsInMotion, MotionLoads
+from tulip_testbed.experiments.protocols.motion_loads import LoadsInMotion
 from tulip_testbed.identification.feasibility import place_polygon, stability_margin, support_polygon
 from tulip_testbed.identification.inverse_kinematics import InverseKinematics
 from tulip_testbed.identification.link_clearances import clearances_at, link_pairs, reference_posture
@@ -205,7 +205,7 @@ class MotionPlanner:
         first, last = self.plan.joint_angles[[start, end]]
         support = str(self.plan.support[start])
         still = [
-            self._dynamic_room(STILL * np.arange(3), np.tile(angles, (3, 1)), support)
+            self.dynamic_room(STILL * np.arange(3), np.tile(angles, (3, 1)), support)
             for angles in (first, last)
         ]
         held = min(min(room.values()) for room in still) >= 0
@@ -262,23 +262,23 @@ class MotionPlanner:
             LINKS: float(spare.min(initial=within)) + ROUNDING,
         }
         duration = max(SHORTEST, float(np.abs(path(part, 1)).max()) / self.speed)
-        slowest = self._dynamic_room(part * STILL, angles, support)
+        slowest = self.dynamic_room(part * STILL, angles, support)
         slower = duration
         while min(slowest.values()) >= 0 and slower < LONGEST:
-            faster = self._dynamic_room(part * slower, angles, support)
+            faster = self.dynamic_room(part * slower, angles, support)
             if min(faster.values()) >= 0:
                 return _Leg(path, slower, room | faster)
             slower *= SLOWER
-        return _Leg(path, duration, room | self._dynamic_room(part * duration, angles, support))
+        return _Leg(path, duration, room | self.dynamic_room(part * duration, angles, support))
 
-    def _dynamic_room(self, times: np.ndarray, angles: np.ndarray, support: str) -> dict[str, float]:
-        return self.dynamic_room(self.loads.at(times, angles, support), support)
-
-    def dynamic_room(self, loads: MotionLoads, support: str) -> dict[str, float]:
+    def dynamic_room(self, times: np.ndarray, angles: np.ndarray, support: str) -> dict[str, float]:
         """Return how much room torques [-], stability and soles [m] leave; negative: too little.
 
-        The support is "double", "right" or "left".
+        Args:
+            times: instants at equal distances, (k,) [s]. angles: (k, n) [rad].
+            support: "double", "right" or "left".
         """
+        loads = self.loads.at(times, angles, support)
         stands = feet_in_contact(np.array([support]))[0]
         soles = loads.soles[0, stands, :, :2]
         used = ((np.abs(loads.torques) + np.abs(loads.friction)) / self.drives).max()

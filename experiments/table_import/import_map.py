@@ -1,6 +1,5 @@
 """The user's statements about an imported table: a TOML file, or entries NAME=COLUMN:UNIT:SIGN."""
 
-import tomllib
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -8,7 +7,7 @@ from typing import Annotated, Any, Literal
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from tulip_testbed.base.errors import InputError, shortened
-from tulip_testbed.base.files import read_text
+from tulip_testbed.base.files import read_toml
 from tulip_testbed.base.validation_message import validation_message
 from tulip_testbed.measurements.bounds import Deviation, Gain, Gravity
 from tulip_testbed.measurements.column_mapping import MappingEntry
@@ -17,7 +16,6 @@ from tulip_testbed.measurements.contacts import WRENCH
 from tulip_testbed.measurements.manifest import ConstantEntry, MassEntry, PlatesEntry
 
 ENDING = ".toml"
-MOST_MAP = 2**20  # bytes
 ONE = "one"  # placement of all rows
 
 
@@ -96,7 +94,7 @@ def read_map(stated: Sequence[str] | Path) -> ImportMap:
     files = [text for text in texts if text.endswith(ENDING) and "=" not in text]
     if len(files) > 1:
         raise InputError(f"map: found files {files[0]} and {files[1]}, expected one at most")
-    content = _read(Path(files[0])) if files else {}
+    content = read_toml(Path(files[0])) if files else {}
     columns = content.get("columns", {})
     entries = dict(each := [_entry(text) for text in texts if text not in files])
     if twice := [name for k, (name, _) in enumerate(each) if name in dict(each[:k])]:
@@ -123,15 +121,6 @@ def with_unknowns(contact: Any) -> Any:
     wrench = {"channels": list(WRENCH), "covariance": None, "zero": UNKNOWN}
     unknown = {"wrench": wrench, "cop": {"sd": None}}.get(str(contact.get("kind")), {})
     return unknown | contact
-
-
-def _read(path: Path) -> dict[str, Any]:
-    try:
-        return tomllib.loads(read_text(path, MOST_MAP))
-    except tomllib.TOMLDecodeError as error:
-        raise InputError(f"{path}: not a TOML file ({error})") from None
-    except RecursionError:
-        raise InputError(f"{path}: nested too deep") from None
 
 
 def _entry(text: str) -> tuple[str, dict[str, Any]]:

@@ -1,6 +1,5 @@
 """Import a laboratory's own table: propose a mapping, write a measurement folder, check it with the robot."""
 
-import json
 import shutil
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
@@ -41,7 +40,6 @@ from tulip_testbed.measurements.cells import PLATES
 from tulip_testbed.measurements.column_mapping import MappedTable, check_mapping
 from tulip_testbed.measurements.contact_entries import UNKNOWN, CopEntry, WrenchEntry
 from tulip_testbed.measurements.contacts import POSE
-from tulip_testbed.measurements.contract import WHOLE
 from tulip_testbed.measurements.data import vertical_forces
 from tulip_testbed.measurements.logs.log_file import read_log
 from tulip_testbed.measurements.manifest import Manifest, manifest_from
@@ -158,13 +156,11 @@ class _Import:
         check_mapping(stated.columns, names, "map", "columns")
         for name, entry in stated.columns.items():
             look_up("column", entry.column, self.table.types, f"{self.table.path}: map of {name}")
+        required = required_columns(joints, manifest.contacts, stated.constant_joints)
         if not contacts:
             names = tuple(name for name in names if not name.startswith(("cell", "plate.")))
-            angles = [f"q.{joint}" for joint in joints if joint not in stated.constant_joints]
-            required = tuple(name for name in names if name in (*WHOLE, *angles))
+            required = tuple(name for name in required if name in names)
             self.missing.append(NO_CONTACTS)
-        else:
-            required = required_columns(joints, manifest.contacts, stated.constant_joints)
         if series is not None:
             required = necessary(required, series)
         proposal = propose(list(self.table.types), names, required, stated.columns)
@@ -234,7 +230,7 @@ class _Import:
             ),
         }
         self.assumed += [text for text, holds in assumed.items() if holds]
-        plain = json.loads(stated.model_dump_json(exclude_none=True))
+        plain = stated.model_dump(mode="json", exclude_none=True)
         corners = {"front_left": [1, 1], "front_right": [1, -1], "rear_right": [-1, -1], "rear_left": [-1, 1]}
         nothing = {side: {"cells": corners, "top_height": 0.0} for side in ("right", "left")}
         contacts = [with_unknowns(entry) for entry in plain.get("contacts", [])]

@@ -21,7 +21,7 @@ from tulip_testbed.base.errors import InputError, shortened
 from tulip_testbed.base.files import check_new, check_outside, opened, present, read_bytes, write_bytes
 from tulip_testbed.base.table_files import TableFile
 from tulip_testbed.measurements import Measurements
-from tulip_testbed.measurements.data import OF_ROWS
+from tulip_testbed.measurements.data import stacked
 from tulip_testbed.measurements.logs.series_reduction import reduced_window
 from tulip_testbed.measurements.manifest import Manifest
 from tulip_testbed.measurements.measurement_folder import (
@@ -30,7 +30,8 @@ from tulip_testbed.measurements.measurement_folder import (
     moves,
     samples_from,
 )
-from tulip_testbed.measurements.motion_table import MOST_SAMPLES
+from tulip_testbed.measurements.motion_table import MOST_SAMPLES, check_segments
+from tulip_testbed.measurements.trajectory import runs
 
 TABLE, SAMPLES = "postures.csv", "motion.csv"
 FORMAT = "tulip-watch-8"
@@ -83,8 +84,7 @@ class ArrivingRows:
     kept: Seen = NOTHING
     once: bool = False
     _hash: Any = field(default_factory=sha256)
-    _size: int = 0
-    _lines: int = 0
+    _seen: Seen = NOTHING
     _open: bool = False  # the last line had no end
     _header: bytes = b""
 
@@ -98,7 +98,8 @@ class ArrivingRows:
 
     def _new_lines(self) -> list[bytes]:
         """Return the complete lines since the last look; those before are compared with their hash."""
-        seen = self._seen if self._size else self.kept
+        first = not self._seen.size
+        seen = self.kept if first else self._seen
         if not present(self.path):
             if seen.size:
                 raise InputError(
@@ -108,14 +109,18 @@ class ArrivingRows:
                 raise _in_motion(f"{self.path.parent}: found samples of a motion")
             return []
         with opened(self.path) as file:
-            if self.held or not self._size:  # a motion is long
+            changed = file.seek(0, 2) < seen.size
+            if self.held or first:  # a motion is long
+                file.seek(0)
                 before = file.read(seen.size)
                 goes_on = before[-1:] not in (b"", b"\n") and file.read(1) not in (b"", b"\r", b"\n")
-                if goes_on or sha256(before).hexdigest() != seen.sha256:
-                    raise self._changed(seen)
-            elif file.seek(0, 2) < seen.size:
-                raise self._changed(seen)
-            file.seek(self._size)
+                changed = goes_on or sha256(before).hexdigest() != seen.sha256
+            if changed:
+                raise InputError(
+                    f"{self.path}: found other values in the first {seen.lines} lines than were read before, "
+                    "or fewer; rows may only be added at the end"
+                )
+            file.seek(self._seen.size)
             content = file.read(MOST_AT_ONCE)
         lines = list(io.BytesIO(content))
         if any(len(line) > MOST_LINE or b"\r" in text_of(line) for line in lines):
@@ -128,48 +133,32 @@ class ArrivingRows:
             lines = lines if self.once and whole else lines[:-1]
         return list(itertools.takewhile(lambda line: not (self.held and _is_prepared(line)), lines))
 
-    @property
-    def _seen(self) -> Seen:
-        return Seen(self._size, self._lines, self._hash.hexdigest())
-
-    def _changed(self, seen: Seen) -> InputError:
-        return InputError(
-            f"{self.path}: found other values in the first {seen.lines} lines than were read before, or "
-            "fewer; rows may only be added at the end"
-        )
-
     def _rows(self, lines: list[bytes]) -> Iterator[Line]:
-        """Yield the lines that are rows below the header."""
+        """Yield the lines that are rows below the header, which may come again."""
         for line in lines:
-            new = self._size >= self.kept.size
-            self._lines += not self._open
-            self._size, self._open = self._size + len(line), not line.endswith(b"\n")
+            new, text, names = self._seen.size >= self.kept.size, text_of(line), _names(line)
             self._hash.update(line)
-            if not is_row(line):
+            size, number = self._seen.size + len(line), self._seen.lines + (not self._open)
+            self._seen, self._open = Seen(size, number, self._hash.hexdigest()), not line.endswith(b"\n")
+            where = f"{self.path}: line {number}"
+            if not _is_row(line):
                 continue
-            if self._is_header(line):
-                self._header = self._header or text_of(line)
-            else:
-                yield Line(self._lines, text_of(line), self._seen, new)
-
-    def _is_header(self, line: bytes) -> bool:
-        """Return whether a line is the header: the first one, or the same once more."""
-        names, known, where = _names(line), _names(self._header), f"{self.path}: line {self._lines}"
-        if not self._header and any(name.startswith("q_rate.") for name in names):
-            raise _in_motion(f"{where}: found rows of a motion")
-        if self._header and "posture" in names and names != known:
-            raise InputError(f"{where}: found another header, expected that of the first row")
-        return not self._header or names == known
+            if not self._header:
+                if any(name.startswith("q_rate.") for name in names):
+                    raise _in_motion(f"{where}: found rows of a motion")
+                self._header = text
+            elif names != _names(self._header):
+                if "posture" in names:
+                    raise InputError(f"{where}: found another header, expected that of the first row")
+                yield Line(number, text, self._seen, new)
 
     def _taken(self, lines: Iterable[Line]) -> Iterator[Arrived]:
         """Yield rows and problems of some lines."""
         for line in lines:
-            row, problem = None, ""
             try:
-                row = measurements_in(self.manifest, self._table([line]), self.where)
+                yield Arrived(line, measurements_in(self.manifest, self._table([line]), self.where))
             except InputError as error:
-                problem = self._problem(line, error)
-            yield Arrived(line, row, problem)
+                yield Arrived(line, None, self._problem(line, error))
 
     def _table(self, lines: list[Line]) -> TableFile:
         content = b"\n".join([self._header, *(line.text for line in lines), b""])
@@ -177,8 +166,10 @@ class ArrivingRows:
 
     def _problem(self, line: Line, error: InputError) -> str:
         """Return what is wrong with a line that was read by itself."""
-        place = str(error).removeprefix(f"{self.path}: ").removeprefix("line 2: ").replace(", row 1", "")
-        return f"{self.path}: line {line.number}: {shortened(place, 400)}"
+        place = str(error).removeprefix(f"{self.path}: ").removeprefix("line 2: ")
+        return (
+            f"{self.path}: line {line.number}: {shortened(re.sub(', row [0-9]+', '', place, count=1), 400)}"
+        )
 
 
 @dataclass(kw_only=True)
@@ -193,96 +184,73 @@ class ArrivingSamples(ArrivingRows):
     weight: float
     window: float
     _count: int = 0  # of rows
-    _segments: list[int] = field(default_factory=list)
-    _waiting: list[Measurements] = field(default_factory=list)  # samples since the next window's start
+    _ends: Measurements | None = None  # last sample of every segment so far
+    _waiting: Measurements | None = None  # samples since the next window's start
     _start: float = 0.0  # of the segment's first window
     _next: int = 0  # window of the segment
 
-    def _taken(self, lines: Iterable[Line]) -> Iterator[Arrived]:
-        for some, samples, problem in self._parsed(list(lines)):
-            if samples is None:
-                yield Arrived(some[0], None, problem)
-                continue
-            for k, line in enumerate(some):
-                one = samples.take(np.array([k]))
-                if problem := self._misplaced(one):
-                    yield Arrived(line, None, f"{self.path}: line {line.number}: {problem}")
-                else:
-                    yield from self._with_sample(one, line)
+    def _taken(self, lines: Iterable[Line], samples: Measurements | None = None) -> Iterator[Arrived]:
+        """Yield rows and problems of some lines, which hold these samples; None: they are to be read.
 
-    def _parsed(self, lines: list[Line]) -> Iterator[tuple[list[Line], Measurements | None, str]]:
-        """Yield samples of lines that can be read together, and of each that cannot be read what is wrong."""
+        Lines that cannot be read together, or that cannot follow those before them, are halved.
+        """
+        lines = list(lines)
         if not lines:
             return
+        every = np.arange(len(lines))
         try:
-            mapped = mapped_samples(self.manifest, self._table(lines), self.where)
-            yield lines, samples_from(self.manifest, mapped, self.where), ""
+            if samples is None:
+                mapped = mapped_samples(self.manifest, self._table(lines), self.where)
+                samples = samples_from(self.manifest, mapped, self.where)
+            known = samples if self._ends is None else stacked([self._ends, samples])
+            check_segments(self.path, known.time, known.posture, known.placement, known.support)
         except InputError as error:
             if len(lines) == 1:
-                yield lines, None, self._problem(lines[0], error)
+                yield Arrived(lines[0], None, self._problem(lines[0], error))
                 return
-            for half in (lines[: len(lines) // 2], lines[len(lines) // 2 :]):
-                yield from self._parsed(half)
-
-    def _misplaced(self, one: Measurements) -> str:
-        """Say why a sample cannot follow those before it; "": it can."""
-        segment, last = int(one.posture[0]), self._waiting[-1] if self._waiting else None
-        if not self._segments or segment != self._segments[-1]:
-            if segment in self._segments:
-                return f"found segment {segment} again, expected the rows of a segment one after the other"
-            return ""
-        assert last is not None
-        if one.time[0] <= last.time[0]:
-            return f"found time {one.time[0]:g} after {last.time[0]:g}, expected a time that increases"
-        for name in ("placement", "support"):
-            if getattr(one, name)[0] != getattr(last, name)[0]:
-                return f"found another {name}, expected one {name} in a segment"
-        return ""
-
-    def _with_sample(self, one: Measurements, line: Line) -> Iterator[Arrived]:
-        """Take a sample in, and yield the row or the problem of a window that ends before it."""
-        segment, time = int(one.posture[0]), float(one.time[0])
-        if not self._segments or segment != self._segments[-1]:
-            self._segments.append(segment)
-            self._waiting, self._start, self._next = [], time, 0
-        start = self._start + self.window * self._next
-        self._waiting.append(one)
-        if time < start + self.window - 1e-9:
+            for half in (slice(len(lines) // 2), slice(len(lines) // 2, None)):
+                yield from self._taken(lines[half], samples and samples.take(every[half]))
             return
-        found = reduced_window(joined(self._waiting), self.weight, start, self.window)
-        if len(found.measurements):
-            self._count += 1
-            yield Arrived(line, replace(found.measurements, posture=np.array([self._count])))
+        self._ends = known.take(np.array([rows.stop - 1 for rows in runs(known.posture)]))
+        for rows in runs(samples.posture):
+            yield from self._windows(samples.take(every[rows]), lines[rows])
+
+    def _windows(self, samples: Measurements, lines: list[Line]) -> Iterator[Arrived]:
+        """Yield the row of every window of a segment that ends before one of these samples, or a problem."""
+        before, whole, begin = self._waiting, samples, 0
+        if before is not None and before.posture[0] == samples.posture[0]:
+            whole = stacked([before, samples])
         else:
-            (cause,) = found.dropped
-            problem = f"found no row from {start:.2f} s on, of a window {cause}"
-            yield Arrived(line, None, f"{self.path}: line {line.number}: {problem}")
-        # Windows without a sample give nothing.
-        self._next = max(self._next + 1, int((time - self._start) / self.window + 1e-9))
-        self._waiting = [one]
-
-
-def joined(samples: list[Measurements]) -> Measurements:
-    arrays = {
-        name: np.concatenate([getattr(one, name) for one in samples])
-        for name, values in vars(samples[0]).items()
-        if name in OF_ROWS and values is not None
-    }
-    return replace(samples[0], **arrays)  # pyrefly: ignore[bad-argument-type]
+            self._start, self._next = float(samples.time[0]), 0
+        for k, line in enumerate(lines, len(whole) - len(samples)):
+            time, start = float(whole.time[k]), self._start + self.window * self._next
+            if time < start + self.window - 1e-9:
+                continue
+            found = reduced_window(whole.take(np.arange(begin, k + 1)), self.weight, start, self.window)
+            if len(found.measurements):
+                self._count += 1
+                yield Arrived(line, replace(found.measurements, posture=np.array([self._count])))
+            else:
+                (cause,) = found.dropped
+                problem = f"found no row from {start:.2f} s on, of a window {cause}"
+                yield Arrived(line, None, f"{self.path}: line {line.number}: {problem}")
+            # Windows without a sample give nothing.
+            self._next, begin = max(self._next + 1, int((time - self._start) / self.window + 1e-9)), k
+        self._waiting = whole.take(np.arange(begin, len(whole)))
 
 
 def text_of(line: bytes) -> bytes:
     return line.rstrip(b"\n").rstrip(b"\r")
 
 
-def is_row(line: bytes) -> bool:
+def _is_row(line: bytes) -> bool:
     """Return whether a line holds values: it is not empty and no comment."""
     return bool(line.strip(b' \t\r\n",;')) and not line.lstrip(b' "').startswith(b"#")
 
 
 def _is_prepared(line: bytes) -> bool:
     values = _names(line)
-    return is_row(line) and 2 * values.count("") > len(values)
+    return _is_row(line) and 2 * values.count("") > len(values)
 
 
 def _in_motion(found: str) -> InputError:

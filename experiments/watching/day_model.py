@@ -20,8 +20,7 @@ from tulip_testbed.calibration.linear_model import weighed_precision
 from tulip_testbed.calibration.linearisation import joint_compliance, mixing_of
 from tulip_testbed.calibration.self_calibration import usual_tolerances
 from tulip_testbed.effects.catalogue import catalogue, targets_in
-from tulip_testbed.effects.effect import Effect
-from tulip_testbed.effects.instance import effect_label
+from tulip_testbed.effects.instance import EffectInstance
 from tulip_testbed.identification.base_parameters import common_support, standard_parameters
 from tulip_testbed.identification.cad_prior import cad_prior
 from tulip_testbed.identification.inertial_wrench import beyond_weight
@@ -49,33 +48,6 @@ RAMP = 10.0  # postures in which a ramp grows by one plausible size
 HIDDEN = 4  # components of the wrench between the feet that no cell shows, and a share of inertial forces
 
 
-@dataclass(frozen=True)
-class Direction:
-    """One fault that may begin, as a direction in the space of the residuals.
-
-    Attributes:
-        effect, target: of the catalogue.
-        sizes: values of the effect's parameters at one plausible size [SI].
-        ramp: whether it grows with every posture instead of beginning at once.
-    """
-
-    effect: Effect
-    target: str
-    sizes: tuple[float, ...]
-    ramp: bool
-
-    @property
-    def label(self) -> str:
-        return effect_label(self.effect.name, self.target)
-
-    def words(self, size: float) -> str:
-        """Tell the change, in plausible sizes (of a ramp, in ten postures), in words."""
-        parameters = self.effect.parameters_on(self.target)
-        values = [parameters[k].text(size * self.sizes[k]) for k in self.effect.sizes if self.sizes[k]]
-        sort = "drifts by about {} in ten postures" if self.ramp else "changed by about {}"
-        return f"{self.label}: {sort.format(', '.join(values))}"
-
-
 @dataclass(frozen=True, eq=False)
 class DayModel:
     """A plan with everything that is known of its day before the first row.
@@ -86,7 +58,8 @@ class DayModel:
         noise: of the readings, by the data sheets.
         families: of ordinary imperfections. mixing: members from their deviates, (q, k).
         covariance: of the state before the day, (n, n); plates and stance are the last nine.
-        directions: faults that may begin. unseen: s.d. of joint compliances, (n_joints,) [rad/Nm].
+        faults: that may begin, of one plausible size. growing: numbers of those that may also grow steadily.
+        unseen: s.d. of joint compliances, (n_joints,) [rad/Nm].
         window: of a row of a motion [s]; None: the robot holds postures.
         noise_in_time: how the noise of rows is correlated; in postures it is not.
         inertias: directions of the inertial parameters that the planned motion shows, (10 n_links, k).
@@ -98,33 +71,34 @@ class DayModel:
     families: tuple[Family, ...]
     mixing: np.ndarray
     covariance: np.ndarray
-    directions: tuple[Direction, ...]
+    faults: tuple[EffectInstance, ...]
+    growing: list[int]
     unseen: np.ndarray
     window: float | None = None
     noise_in_time: NoiseInTime = WHITE
     inertias: np.ndarray | None = None
 
     @property
-    def rows(self) -> int:
-        """Count the rows of the day: postures, or windows of the planned motion."""
-        if self.window is None:
-            return len(self.plan)
-        assert self.plan.motion is not None
-        return max(1, round(self.plan.motion.seconds / self.window))
+    def held(self) -> bool:
+        """Return whether the robot holds postures; else it moves."""
+        return self.window is None
 
     @property
     def unit(self) -> str:
-        return "posture" if self.window is None else "row"
+        return "posture" if self.held else "row"
 
-    def number(self, row: int) -> int:
-        """Return the number of a posture in a row of the plan; rows of a motion are numbers."""
-        return int(self.plan.posture[row]) if self.window is None else row
+    @property
+    def rows(self) -> int:
+        """Count the rows of the day: postures, or windows of the planned motion."""
+        if self.window is None or self.plan.motion is None:
+            return len(self.plan)
+        return max(1, round(self.plan.motion.seconds / self.window))
 
     @property
     def lasting(self) -> slice:
         """Return the numbers of the state that are errors that last."""
         last = len(self.covariance) - PLATES - STANCE
-        count = 0 if self.window is None else len(self.unseen) + len(CELLS) + HIDDEN
+        count = 0 if self.held else len(self.unseen) + len(CELLS) + HIDDEN
         return slice(last - count, last)
 
     def kept(self, seconds: float) -> float:
@@ -163,14 +137,18 @@ class DayModel:
 
     def first_rows(self, rows: Measurements) -> np.ndarray:
         """Return the plan's first row of each row's posture (of a motion: of its placement), (m,); else 0."""
-        if self.window is None:
-            return (self.plan.posture == rows.posture[:, None]).argmax(axis=1)
-        return (self.plan.placement == rows.placement[:, None]).argmax(axis=1)
+        number = "posture" if self.held else "placement"
+        return (getattr(self.plan, number) == getattr(rows, number)[:, None]).argmax(axis=1)
 
-    @cached_property
+    @property
+    def directions(self) -> tuple[EffectInstance, ...]:
+        """Return the c directions of the residuals: faults that begin at once, then ramps."""
+        return (*self.faults, *(self.faults[k] for k in self.growing))
+
+    @property
     def ramps(self) -> np.ndarray:
-        """Return which directions are ramps, (c,) bool."""
-        return np.array([direction.ramp for direction in self.directions])
+        """Return which directions are ramps, which grow with every posture, (c,) bool."""
+        return np.arange(len(self.directions)) >= len(self.faults)
 
     def observe(self, rows: Measurements) -> Observation:
         """Return an observation in which no row depends on another one.
@@ -213,6 +191,7 @@ def day_model(
     families = families_in(observed, usual_tolerances(observed, None))
     mixing, _ = mixing_of(families)
     sizes = np.concatenate([np.zeros(0), *(np.full(len(part), part.tolerance) for part in families)])
+    faults = _faults(robot)
     base = cad_prior(nominal.parameters, standard_parameters(robot.model), MASS_SD).root
     prior = block_diag(
         base @ base.T,
@@ -229,7 +208,9 @@ def day_model(
         families=families,
         mixing=mixing,
         covariance=prior,
-        directions=_directions(robot, window is None),
+        faults=faults,
+        # In the minutes of a motion nothing grows steadily.
+        growing=[k for k, fault in enumerate(faults) if window is None and fault.effect.name in RAMPS],
         unseen=joint_compliance(families, sizes, observed.tree.joints),
         window=window,
         inertias=inertias,
@@ -260,21 +241,16 @@ def _planned_rows(header: MeasurementHeader, motion: Trajectory, window: float) 
     )
 
 
-def _directions(robot: Robot, held: bool) -> tuple[Direction, ...]:
-    """List the faults that may begin; in the minutes of a motion nothing grows steadily."""
-    return tuple(
-        Direction(effect, target, sizes, ramp)
-        for effect in map(catalogue().__getitem__, STEPS)
-        for target in targets_in(effect, robot, None, ())
-        for ramp in ((False, True) if held and effect.name in RAMPS else (False,))
-        for sizes in _sizes(effect)
-    )
-
-
-def _sizes(effect: Effect) -> list[tuple[float, ...]]:
-    """Return plausible sizes of an effect in several directions; a start is the least that there is."""
-    plain = np.array([p.prior if k in effect.sizes else 0.0 for k, p in enumerate(effect.parameters)])
-    if len(effect.sizes) == 1:
-        return [tuple(plain.tolist())]
-    signs = np.array([[1.0, 0.0], [0.0, 1.0], [1.0, 1.0], [1.0, -1.0]])
-    return [tuple((plain * sign).tolist()) for sign in signs]
+def _faults(robot: Robot) -> tuple[EffectInstance, ...]:
+    """List the faults that may begin, of plausible sizes in several directions; a start is the least."""
+    faults = []
+    for effect in map(catalogue().__getitem__, STEPS):
+        plain = np.array([p.prior if k in effect.sizes else 0.0 for k, p in enumerate(effect.parameters)])
+        signs = [[1.0, 0.0], [0.0, 1.0], [1.0, 1.0], [1.0, -1.0]] if len(effect.sizes) > 1 else [1.0]
+        sizes = [tuple((plain * sign).tolist()) for sign in signs]
+        faults += [
+            EffectInstance(effect, target, size)
+            for target in targets_in(effect, robot, None, ())
+            for size in sizes
+        ]
+    return tuple(faults)

@@ -6,10 +6,9 @@ from itertools import product
 import numpy as np
 
 from tulip_testbed.experiments.watching.day_model import DayModel
-from tulip_testbed.experiments.watching.row_checks import rocking, spreads_of
 from tulip_testbed.experiments.watching.row_columns import RowColumns, row_columns
-from tulip_testbed.experiments.watching.watch_row import begin_row
-from tulip_testbed.experiments.watching.watch_state import first_state
+from tulip_testbed.experiments.watching.watch_row import rocking, spreads_of
+from tulip_testbed.experiments.watching.watch_state import begin_row, first_state
 from tulip_testbed.identification.noise_in_time import WHITE, NoiseInTime
 from tulip_testbed.measurements import Measurements
 

@@ -12,7 +12,7 @@ import numpy as np
 from tulip_testbed.calibration.linear_model import nuisances
 from tulip_testbed.calibration.linearisation import SYSTEMATIC
 from tulip_testbed.calibration.member_columns import STEP, member_columns
-from tulip_testbed.experiments.watching.day_model import STANCE, DayModel
+from tulip_testbed.experiments.watching.day_model import DayModel
 from tulip_testbed.identification.joint_loads import UNSEEN
 from tulip_testbed.identification.observation import Observation
 from tulip_testbed.identification.residual_channels import (
@@ -103,42 +103,32 @@ def row_columns(model: DayModel, rows: Measurements, errors: np.ndarray | None =
     seen, m, p = model.observe(rows), len(rows), model.parameters
     at, theta, noise = fields(seen), model.nominal.value, model.noise
     used, left = residuals_in_use(seen), residuals(seen, theta)
+    left[:, ANCHORED] -= model.plan.swing_pose[model.first_rows(rows)]
+    left[:, -1] = np.arctan2(np.sin(left[:, -1]), np.cos(left[:, -1]))
     if errors is not None:
         seen = seen.changed(cell_forces=seen.cell_forces - errors)
     reach = sensitivity(seen, theta)
-    joints = at["angles"].stop
+    joints, inside = at["angles"].stop, used[..., None]
     members, member_angles = _families(model, seen, theta, reach)
-    faults, fault_angles = _faults(model, seen, theta, reach)
-    left[:, ANCHORED] -= model.plan.swing_pose[model.first_rows(rows)]
-    left[:, -1] = np.arctan2(np.sin(left[:, -1]), np.cos(left[:, -1]))
+    faults, fault_angles = _faults(model, seen, reach)
     by_cells, by_angles = reach[..., at["cells"]], reach[..., at["angles"]]
-    friction = FRICTION if model.window is None else SYSTEMATIC
+    friction = FRICTION if model.held else SYSTEMATIC
     pushed = model.unseen[:, None] * seen.loads.levers * friction * UNSEEN
-    cells, lasting = noise.cell**2 * by_cells @ by_cells.mT + floor(noise), []
-    # What the errors that last change in angles and residuals.
-    read = np.broadcast_to(noise.encoder * np.eye(joints), (m, joints, joints))
-    slow = np.concatenate([read, pushed], axis=2)
-    if model.window is not None:
+    cells, lasting, slow = noise.cell**2 * by_cells @ by_cells.mT + floor(noise), [], np.zeros((m, joints, 0))
+    if not model.held:
         forces = slice(at["shift"].start, at["push"].stop)
         inertia = INERTIAL * reach[..., forces] @ seen.motion.by_cad[..., None]
         cells = cells + inertia @ inertia.mT
+        # What the errors that last change in angles and residuals.
+        read = np.broadcast_to(noise.encoder * np.eye(joints), (m, joints, joints))
+        slow = np.concatenate([read, pushed], axis=2)
         lasting = [by_angles @ slow, inertia, noise.cell * by_cells]
-    state = np.concatenate(
-        [
-            -nuisances(seen, "AFTC"),
-            members,
-            *lasting,
-            reach[..., at["plates"]] * noise.plates,
-            constants_of_stances(used)[..., :STANCE],
-        ],
-        axis=2,
-    )
+    plates, stance = reach[..., at["plates"]] * noise.plates, constants_of_stances(used)
+    state = np.concatenate([-nuisances(seen, "AFTC"), members, *lasting, plates, stance], axis=2)
     angles = np.zeros((m, joints, state.shape[2]))
     angles[..., p + 1 : p + 1 + members.shape[2]] = member_angles
-    if model.window:
-        first = model.lasting.start
-        angles[..., first : first + slow.shape[2]] = slow
-    inside = used[..., None]
+    first = model.lasting.start
+    angles[..., first : first + slow.shape[2]] = slow
     return RowColumns(
         residual=np.where(used, left, 0.0),
         used=used,
@@ -167,23 +157,12 @@ def _families(
     return np.concatenate(columns, axis=2) @ model.mixing, np.concatenate(angles, axis=2) @ model.mixing
 
 
-def _faults(
-    model: DayModel, seen: Observation, theta: np.ndarray, reach: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
+def _faults(model: DayModel, seen: Observation, reach: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return the change of residuals and angles by one plausible size of each direction."""
-    begun = replace(seen, time_fraction=np.ones(len(seen)))
-    # What is computed of the postures' geometry once serves all directions.
-    begun.__dict__["geometry"] = seen.geometry
-    joints = seen.joint_angles.shape[1]
-    columns = np.zeros((len(seen), SIZE, len(model.directions)))
-    angles = np.zeros((len(seen), joints, len(model.directions)))
-    known: dict[tuple[str, tuple[float, ...]], int] = {}
-    for k, direction in enumerate(model.directions):
-        if (twin := known.setdefault((direction.label, direction.sizes), k)) < k:
-            columns[..., k], angles[..., k] = columns[..., twin], angles[..., twin]
-            continue
-        sizes = tuple(STEP * value for value in direction.sizes)
-        change = difference(begun, direction.effect.remove(begun, direction.target, sizes)) / STEP
-        columns[..., k] = -(reach @ change[..., None])[..., 0]
-        angles[..., k] = -change[:, :joints]
-    return columns, angles
+    begun = seen.changed(time_fraction=np.ones(len(seen)))
+    changes = []
+    for fault in model.faults:
+        sizes = tuple(STEP * value for value in fault.values)
+        changes.append(difference(begun, fault.effect.remove(begun, fault.target, sizes)) / STEP)
+    every = np.stack([*changes, *(changes[k] for k in model.growing)], axis=2)
+    return -reach @ every, -every[:, : seen.joint_angles.shape[1]]

@@ -3,7 +3,7 @@
 import math
 import time
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import ExitStack
+from contextlib import nullcontext
 from dataclasses import dataclass
 from hashlib import sha256
 from pathlib import Path
@@ -28,7 +28,6 @@ from tulip_testbed.experiments.watching.arriving_rows import (
     ArrivingRows,
     ArrivingSamples,
     Seen,
-    joined,
 )
 from tulip_testbed.experiments.watching.day_model import DayModel, day_model
 from tulip_testbed.experiments.watching.noise_of_day import FIRST, with_noise_in_time
@@ -37,6 +36,7 @@ from tulip_testbed.experiments.watching.watch_state import first_state
 from tulip_testbed.identification.nominal import nominal_robot
 from tulip_testbed.identification.regressor import check_robot
 from tulip_testbed.measurements import Measurements, PosturePlan
+from tulip_testbed.measurements.data import stacked
 from tulip_testbed.measurements.logs.series_reduction import usual_window
 from tulip_testbed.measurements.manifest import Manifest
 from tulip_testbed.measurements.measurement_folder import header_in, read_manifest
@@ -149,10 +149,9 @@ class Watch(Result):
         Rows of a motion wait until the first ones have shown how its noise lasts.
         """
         out, where = self._out, self.folder / "manifest.json"
-        with ExitStack() as stack:
-            if out is not None:
-                arriving_rows.check_state_file(out)
-                stack.enter_context(alone_on(out))
+        if out is not None:
+            arriving_rows.check_state_file(out)
+        with nullcontext() if out is None else alone_on(out):
             manifest = read_manifest(self.folder)
             model = self._model(manifest, where)
             self._targets = _targets_of(model.nominal.parameters.names, self._targets)
@@ -160,45 +159,30 @@ class Watch(Result):
             asked = plan_hash(self.plan) + (plan_hash(motion) if (motion := self.plan.motion) else "")
             day = sha256((stated := read_bytes(where)) + asked.encode()).hexdigest()
             kept = NOTHING if out is None else arriving_rows.read_state(out, day)
-            source = self._source(model, manifest, where, kept)
-            state, judge, rows = first_state(model), one_blas_thread(watch_row), 0
-            waiting: list[Arrived] = []
-            for arrived in self._arriving(source):
+            state, judged = first_state(model), one_blas_thread(watch_row)
+            rows, waiting, first = 0, list[Arrived](), 0 if model.held else FIRST
+            for arrived in self._arriving(model, manifest, kept):
                 if arrived.line.new and read_bytes(where) != stated:
                     raise InputError(f"{where}: found another manifest than before the first row")
                 waiting.append(arrived)
                 rows += arrived.row is not None
-                if not source.held and rows < FIRST:
+                if rows < first:
                     continue
-                if not source.held and rows == FIRST and arrived.row is not None:
-                    first = joined([one.row for one in waiting if one.row is not None])
-                    model = one_blas_thread(with_noise_in_time)(model, first)
+                if rows == first and arrived.row is not None:
+                    shown = stacked([one.row for one in waiting if one.row is not None])
+                    model = one_blas_thread(with_noise_in_time)(model, shown)
                     state = first_state(model)
                 for line, row, problem in waiting:
                     verdict = None
                     if row is not None:
-                        state, verdict = judge(model, state, row, targets)
+                        state, verdict = judged(model, state, row, targets)
                     if line.new:
                         yield Arrival(line.number, verdict, problem)
                         if out is not None:
                             arriving_rows.write_state(out, day, line.seen)
-                    if source.held and verdict is not None and verdict.next is None:
+                    if model.held and verdict is not None and verdict.next is None:
                         return
                 waiting = []
-
-    def _source(self, model: DayModel, manifest: Manifest, where: Path, kept: Seen) -> ArrivingRows:
-        given = {"manifest": manifest, "where": where, "kept": kept}
-        if model.window is None:
-            return ArrivingRows(path=self.folder / arriving_rows.TABLE, once=self._once, **given)
-        mass = model.nominal.mass if manifest.weighed_mass is None else manifest.weighed_mass.value
-        path, weight = self.folder / arriving_rows.SAMPLES, mass * manifest.gravity
-        return ArrivingSamples(path=path, weight=weight, window=model.window, **given)
-
-    def _arriving(self, source: ArrivingRows) -> Iterator[Arrived]:
-        yield from source.new()
-        while not self._once:
-            time.sleep(POLL)
-            yield from source.new()
 
     def _model(self, manifest: Manifest, where: Path) -> DayModel:
         """Prepare the day; refuse another robot's folder or plan, and sensors other than plates on cells."""
@@ -215,6 +199,20 @@ class Watch(Result):
             window = manifest.motion.window if manifest.motion else None
             window = window or usual_window(header.sensors.encoder_resolution)
         return day_model(self.plan, self.robot, header, window)
+
+    def _arriving(self, model: DayModel, manifest: Manifest, kept: Seen) -> Iterator[Arrived]:
+        """Yield rows as they come; without end, unless those that are there are enough."""
+        given = {"manifest": manifest, "where": self.folder / "manifest.json", "kept": kept}
+        if model.window is None:
+            rows = ArrivingRows(path=self.folder / arriving_rows.TABLE, once=self._once, **given)
+        else:
+            mass = manifest.weighed_mass.value if manifest.weighed_mass else model.nominal.mass
+            path, weight = self.folder / arriving_rows.SAMPLES, mass * manifest.gravity
+            rows = ArrivingSamples(path=path, weight=weight, window=model.window, **given)
+        yield from rows.new()
+        while not self._once:
+            time.sleep(POLL)
+            yield from rows.new()
 
 
 def read_targets(texts: Sequence[str]) -> dict[str, float]:

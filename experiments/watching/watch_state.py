@@ -29,15 +29,18 @@ from scipy.linalg import block_diag
 
 from tulip_testbed.experiments.watching.day_model import PLATES, RAMP, STANCE, DayModel
 from tulip_testbed.experiments.watching.row_columns import RowColumns
+from tulip_testbed.identification.observation import LONG_GAP, STILL
+from tulip_testbed.measurements import Measurements
+from tulip_testbed.measurements.cells import CELLS
 
 OF_PLACEMENT = PLATES + STANCE  # numbers of the state that begin again with a placement
 CENTER = slice(0, 2)  # residuals of the centre of pressure
 LEAST_SHARE = 1e-10  # of the largest eigenvalue, below which parameters are not determined yet
 RECENT, APART, EARLIER = 12, 6, 10  # onsets: the last ones, and so many further back at that distance
-REACH = RECENT + APART * EARLIER + APART  # rows back to the earliest onset
+REACH = RECENT + APART * EARLIER  # rows back to the earliest onset
 LEAST_SEEN = 1e-4  # information on one plausible size, below which a fault is invisible
 OPEN, MEASURED, AGAIN = 0, 1, 2  # of a plan's rows
-GAPS = 20  # times between postures that are remembered
+GAPS, LEAST_GAPS = 20, 3  # times between postures that are remembered; from which one is compared with them
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,23 +50,25 @@ class Innovation:
     Attributes:
         value: residuals less their prediction, (11,). covariance: of the prediction, (11, 11).
         precision: its inverse. gain: of the state by the residuals, (n, 11).
-        state: derivative of the residuals by the state where they were predicted, (11, n).
-        faults: change by one plausible size of each fault there, (11, c).
-        freedom: residuals in use.
+        here: the posture's columns about the estimate by which it was predicted.
     """
 
     value: np.ndarray
     covariance: np.ndarray
     precision: np.ndarray
     gain: np.ndarray
-    state: np.ndarray
-    faults: np.ndarray
-    freedom: int
+    here: RowColumns
 
     @property
     def chi_square(self) -> float:
         """Return the square of the innovation in its own covariance."""
         return float(self.value @ self.precision @ self.value)
+
+    @property
+    def evidence(self) -> np.ndarray:
+        """Return y and w of every fault that begins here, by this row alone, (2, c)."""
+        weighed = self.precision @ self.here.faults
+        return np.stack([self.value @ weighed, (self.here.faults * weighed).sum(axis=0)])
 
 
 @dataclass(frozen=True, eq=False)
@@ -98,9 +103,7 @@ class Belief:
             covariance=covariance,
             precision=precision,
             gain=across.T @ precision,
-            state=here.state,
-            faults=here.faults,
-            freedom=int(here.used.sum()),
+            here=here,
         )
 
     def updated(self, innovation: Innovation) -> Belief:
@@ -129,12 +132,8 @@ class DesignInformation:
     @property
     def whole(self) -> np.ndarray:
         """Return the information on the base parameters alone, (p, p)."""
-        own, across, within = (
-            self.joint[:-PLATES],
-            self.joint[:-PLATES, -PLATES:],
-            self.joint[-PLATES:, -PLATES:],
-        )
-        return own[:, :-PLATES] - across @ np.linalg.solve(within, across.T)
+        own, across = np.split(self.joint[:-PLATES], [-PLATES], axis=1)
+        return own - across @ np.linalg.solve(self.joint[-PLATES:, -PLATES:], across.T)
 
     def standard_errors(self) -> np.ndarray:
         """Return the standard errors of the base parameters, (p,) [m]; infinite until all are determined."""
@@ -146,17 +145,12 @@ class DesignInformation:
             return np.full(len(whole), np.inf)
         return scale * np.sqrt(np.diag(np.linalg.inv(scaled)))
 
-    def placement_begun(self) -> DesignInformation:
-        return self.begun(self.whole)
-
     def with_posture(self, model: DayModel, row: RowColumns, kept: float = 0.0) -> DesignInformation:
         """Return the information with one more posture, by its noise's correlation with the row before."""
         by_angles = row.by_angles[CENTER]
         noise = model.noise.encoder**2 * by_angles @ by_angles.T + row.cells[CENTER, CENTER]
-        base = row.state[CENTER, : model.parameters]
-        plates = row.state[CENTER, -OF_PLACEMENT:-STANCE]
-        both = np.concatenate([base, plates], axis=1)
-        white = np.linalg.solve(np.linalg.cholesky(noise), both)
+        base, plates = np.arange(model.parameters), np.arange(-OF_PLACEMENT, -STANCE)
+        white = np.linalg.solve(np.linalg.cholesky(noise), row.state[CENTER, np.append(base, plates)])
         new = white if self.last is None else (white - kept * self.last) / np.sqrt(1 - kept**2)
         return DesignInformation(self.joint + new.T @ new, white)
 
@@ -201,50 +195,42 @@ class Changes:
     def with_row(self, innovation: Innovation, count: int, ramps: np.ndarray) -> Changes:
         """Return the evidence with one more row that the filter takes in.
 
+        Its onset takes the place of one that is no longer looked at: recent ones are in the first `RECENT`
+        places, by their number; one that leaves them is kept if its number is a multiple of `APART`.
+
         Args:
             count: number of the row, from 0. ramps: which directions grow with every row, (c,) bool.
         """
-        changes = self._with_onset(count)
-        grown = np.where(ramps, (count - changes.onset[:, None] + 1) / RAMP, 1.0)
-        seen = innovation.faults * grown[:, None] - innovation.state @ changes.bias
-        weighed = innovation.precision @ seen
-        return replace(
-            changes,
-            bias=changes.bias + innovation.gain @ seen,
-            pull=changes.pull + innovation.value @ weighed,
-            information=changes.information + (seen * weighed).sum(axis=1),
-        )
-
-    def _with_onset(self, count: int) -> Changes:
-        """Return the evidence with an onset at this row, in the place of one that is no longer looked at.
-
-        Recent onsets are in the first `RECENT` places, by their number; one that leaves them is kept if its
-        number is a multiple of `APART`.
-        """
-        parts = {name: values.copy() for name, values in vars(self).items()}
-        at, onset = count % RECENT, self.onset
+        onset, bias, pull, information = every = [values.copy() for values in vars(self).values()]
+        at = count % RECENT
         if onset[at] >= 0 and onset[at] % APART == 0:
             kept = RECENT + (onset[at] // APART) % EARLIER
-            for values in parts.values():
+            for values in every:
                 values[kept] = values[at]
-        for values in parts.values():
+        for values in every:
             values[at] = 0
-        parts["onset"][at] = count
-        return Changes(**parts)
+        onset[at] = count
+        grown = np.where(ramps, (count - onset[:, None] + 1) / RAMP, 1.0)
+        seen = innovation.here.faults * grown[:, None] - innovation.here.state @ bias
+        weighed = innovation.precision @ seen
+        return Changes(
+            onset=onset,
+            bias=bias + innovation.gain @ seen,
+            pull=pull + innovation.value @ weighed,
+            information=information + (seen * weighed).sum(axis=1),
+        )
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True)
 class Fault:
     """A change that was noticed and is there.
 
     Attributes:
-        direction: its number among the model's. onset: count of the row at which it began.
-        posture: that row's. size: in plausible sizes.
+        direction: its number among the model's. posture: at which it began. size: in plausible sizes.
         gone: evidence that it has gone, ln of a likelihood ratio.
     """
 
     direction: int
-    onset: int
     posture: int
     size: float
     gone: float = 0.0
@@ -258,7 +244,7 @@ class WatchState:
         belief: about the day's state. changes: evidence for faults. information: about the base parameters.
         done: of the plan's rows, one of OPEN, MEASURED and AGAIN, (m,).
         earlier: by posture, the stance in which it was measured last and its columns there.
-        odd: postures in succession that did not fit, with their innovations.
+        odd: the last posture and its innovation, if it did not fit.
         history: the states before the rows at which a change may have begun, without history and evidence.
         taken: plan's rows of the last rows that were taken in; of a motion, their own numbers.
         spreads: s.d. within the last windows, (k, n_joints + 9).
@@ -274,11 +260,11 @@ class WatchState:
     changes: Changes
     information: DesignInformation
     done: np.ndarray
+    spreads: np.ndarray
     earlier: dict[int, tuple[int, RowColumns]] = field(default_factory=dict)
-    odd: tuple[tuple[int, Innovation], ...] = ()
+    odd: tuple[int, Innovation] | None = None
     history: tuple[WatchState, ...] = ()
     taken: tuple[int, ...] = ()
-    spreads: np.ndarray = field(default_factory=lambda: np.zeros((0, 0)))
     gaps: tuple[float, ...] = ()
     count: int = 0
     row: int = -1
@@ -290,25 +276,12 @@ class WatchState:
     fault: Fault | None = None
 
     def marked(self, rows: int | list[int], mark: int) -> WatchState:
-        """Return the state with rows of the plan open, measured or to be measured again.
-
-        In a motion there is nothing to mark.
-        """
+        """Return the state with rows of the plan open, measured or to be measured again; none in a motion."""
         if not len(self.done):
             return self
         done = self.done.copy()
         done[rows] = mark
         return replace(self, done=done)
-
-    def remembered(self, planned: int) -> WatchState:
-        """Return the state that also remembers what is known before the row that comes now.
-
-        States before onsets that are no longer looked at are forgotten.
-        """
-        back = [(before, self.count - before.count) for before in self.history]
-        kept = [one for one, k in back if k < RECENT or (one.count % APART == 0 and k < REACH)]
-        now = replace(self, history=(), changes=Changes.none(0, 0))
-        return replace(self, history=(*kept, now), taken=(*self.taken, planned)[-REACH:])
 
 
 def first_state(model: DayModel) -> WatchState:
@@ -317,5 +290,41 @@ def first_state(model: DayModel) -> WatchState:
         belief=Belief(np.zeros(n), model.covariance),
         changes=Changes.none(n, len(model.directions)),
         information=DesignInformation.begun(np.zeros((model.parameters,) * 2)),
-        done=np.full(len(model.plan) if model.window is None else 0, OPEN, np.int8),
+        done=np.full(len(model.plan) if model.held else 0, OPEN, np.int8),
+        spreads=np.zeros((0, len(model.unseen) + len(CELLS) + 1)),
+    )
+
+
+def begin_row(model: DayModel, state: WatchState, row: Measurements, planned: int) -> WatchState:
+    """Return the state at a row before its readings are looked at: a new placement or stance may begin."""
+    placement, support, time = int(row.placement[0]), str(row.support[0]), float(row.time[0])
+    moved = placement != state.placement
+    anew = moved or support != state.support
+    gap, gaps, stood = time - state.time, state.gaps, state.stood
+    usual = float(np.median(gaps)) if len(gaps) >= LEAST_GAPS else np.inf
+    # Within a placement the robot may have been put down again, see `Observation.stance`.
+    put_down, fading = planned != state.row + 1, []
+    if model.window is not None:  # feet creep below moving legs, see `Observation.stance`
+        put_down = not 0 < gap <= LONG_GAP * model.window or time - stood >= STILL
+        fading = [(model.lasting, model.kept(gap))]
+    elif np.isfinite(gap):
+        put_down = gap <= 0 or gap > LONG_GAP * usual or (usual == np.inf and planned > state.row + 1)
+    if anew or put_down:
+        fading.append((slice(-OF_PLACEMENT if anew else -STANCE, None), 0.0))
+        stood = time
+    belief, changes, information = state.belief, state.changes, state.information
+    for at, kept in fading:
+        belief, changes = belief.later(model, at, kept), changes.later(at, kept)
+    return replace(
+        state,
+        belief=belief,
+        changes=changes,
+        information=DesignInformation.begun(information.whole) if moved else information,
+        gaps=(*gaps, gap)[-GAPS:] if not anew and 0 < gap < np.inf else gaps,
+        row=planned,
+        placement=placement,
+        stance=state.stance + (anew or put_down),
+        support=support,
+        time=time,
+        stood=stood,
     )
