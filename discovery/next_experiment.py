@@ -22,7 +22,7 @@ from tulip_testbed.discovery.experiment_information import (
     separations,
 )
 from tulip_testbed.discovery.nominal_laboratory import exact_rig, measured_plan, simulated
-from tulip_testbed.effects.instance import EffectInstance
+from tulip_testbed.effects.instance import EffectInstance, injected
 from tulip_testbed.effects.lasting import FROM, epochs, everywhere
 from tulip_testbed.identification.base_parameters import common_support
 from tulip_testbed.identification.nominal import nominal_robot
@@ -134,7 +134,7 @@ def settled(now: float, expected: float) -> float:
 
 @dataclass(frozen=True)
 class Pool:
-    """Postures to choose from and what the nominal laboratory would read, without noise."""
+    """Postures to choose from, and what the nominal laboratory would read if the best explanations hold."""
 
     plan: PosturePlan
     readings: Measurements
@@ -183,11 +183,15 @@ def _state(
     best = [_most_probable(doubt.explanations).instance for doubt in doubts]
     effects = {effect.label: effect for effect in (*best, *doubts[0].others)}
     calibration = self_calibrate(now, None, [replace(effect, intervals=()) for effect in effects.values()])
-    return now, pool_of(now, plan), calibration
+    lasting = [effect for effect in effects.values() if everywhere(effect.target)]
+    return now, pool_of(now, plan, lasting), calibration
 
 
-def pool_of(now: Observation, plan: PosturePlan | None) -> Pool:
+def pool_of(now: Observation, plan: PosturePlan | None, effects: Sequence[EffectInstance]) -> Pool:
     """Simulate the postures to choose from: of a plan, or those that were measured first.
+
+    Args:
+        effects: the best explanations. Columns of large ones differ between readings with and without them.
 
     Raises:
         InputError: none of them has an equilibrium.
@@ -197,7 +201,7 @@ def pool_of(now: Observation, plan: PosturePlan | None) -> Pool:
         first = np.flatnonzero(m.of_experiment == 0)
         kept = first[np.unique(m.posture[first], return_index=True)[1]]
         plan = within_limits(measured_plan(now.take(np.sort(kept))), now.nominal.robot)
-    readings = simulated(exact_rig(now), plan)
+    readings = simulated(injected(exact_rig(now), effects), plan)
     plan = plan.take(np.isin(plan.posture, readings.posture))
     return Pool(plan, readings)
 
@@ -319,7 +323,7 @@ class Prospect:
 
 
 def with_planned(now: Observation, readings: Measurements, experiment: Experiment) -> Observation:
-    """Return what was measured together with what the nominal laboratory would read in a planned experiment.
+    """Return what was measured together with what would be read in a planned experiment.
 
     Only columns are taken there: the readings are those of an ordinary set-up, on the measured plates.
     """

@@ -126,7 +126,7 @@ EFFECTS = (
         parameters=(Parameter("force", "N", prior=5.0, positive=True),),
         mechanism=Physics(_lift, _without_lift),
         words="Something lifts the torso with {0}.",
-        lasting=Lasting(until="cable", of_room=True),
+        lasting=Lasting(until="cable"),
         explanation="""A hoist or a stiff cable carries a part of the weight, the same in all postures.
 
         The simulation ties the torso's centre of mass by a soft spring to a point a kilometre above. To the

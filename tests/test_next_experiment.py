@@ -60,6 +60,16 @@ def test_turning_the_plate_tells_its_cells_apart_and_the_other_one_does_not(rank
     assert right.settled_per_minute > 5 * more.settled_per_minute
 
 
+def test_a_hoist_is_told_from_a_gain_by_taking_it_off_alone(robot, lab, twelve):
+    """A large force: the readings that it changes are those with it, planned or measured."""
+    measured = lab.with_effects("hoist=12").run(twelve, seed=4, engine="statics", workers=1).measurements
+    share = 12 / (9.81 * 23.0)
+    doubt = Doubt(explanations(robot, "hoist=12", f"common-gain={-share}"))
+    by_words = {one.words: one for one in rank_experiments(measured, robot, [doubt])}
+    assert by_words["nothing changed, more postures"].settled < 0.1
+    assert by_words["cable removed"].settled > 0.9
+
+
 def test_an_expectation_against_one_by_hand():
     """One size each, orthogonal columns: the new data's ln BF is that of a normal deviate."""
     one, other = (
