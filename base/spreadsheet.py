@@ -58,7 +58,7 @@ def plain_csv(path: Path, content: bytes) -> bytes:
     if separator != ",":
         rows = _decimal_points(path, rows)
     out = io.StringIO()
-    # A name with a semicolon would be taken for several.
+    # A name with a separator would be taken for several.
     quoting = csv.QUOTE_ALL if any(SEPARATORS.search(name) for name in rows[0]) else csv.QUOTE_MINIMAL
     csv.writer(out, lineterminator="\n", quoting=quoting).writerows(row[:width] for row in rows)
     return out.getvalue().encode()
