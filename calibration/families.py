@@ -316,7 +316,8 @@ def families_in(
             for family in families
         )
     if observed.moves:
-        rocking = SOLE in [family.name for family in families] and observed.motion.load_rates.any()
+        in_feet = observed.in_feet and SOLE in [family.name for family in families]
+        rocking = in_feet and observed.motion.load_rates.any()
         shown = (
             (INERTIA, directions(observed)),
             (LAG, () if observed.in_feet else ("",)),

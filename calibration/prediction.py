@@ -141,7 +141,8 @@ def center_errors(calibration: SelfCalibration, others: Observation) -> np.ndarr
     Args:
         calibration: made without those postures.
     """
-    motion = replace(others.motion, load_rates=0 * others.motion.load_rates)
+    motion = others.motion
+    motion = replace(motion, load_rates=0 * motion.load_rates, yielding=0 * motion.yielding)
     others = replace(others, cad=calibration.observed.cad, motion=motion)
     others = others.weighing(calibration.observed.heavier)
     first = _center_errors(calibration, others)

@@ -268,17 +268,14 @@ def _on_hard_soles(observed: Observation) -> Observation:
 
 def without_inertia(observed: Observation) -> Observation:
     """Return a moving record as if its contact sensors did not show the inertial forces."""
-    shift, lift, push = np.split(observed.motion.by_cad, [2, 3], axis=1)
     motion = observed.motion
-    return observed.changed(
-        shift=observed.shift - shift,
-        lift=observed.lift - lift[:, 0],
-        push=observed.push - push,
+    return observed.accelerated(-motion.by_cad).changed(
         motion=replace(
             motion,
             slope=0 * motion.slope,
             unknown=motion.unknown[..., :0],
             rocking=0 * motion.rocking,
+            yielding=0 * motion.yielding,
             shown=False,
         ),
     )

@@ -54,11 +54,7 @@ def rocked(leaning: Observation, turning: np.ndarray) -> Observation:
         return leaning
     foot = base_foot(leaning.measurements.support)
     added = leaning.motion.rocking @ turning[np.arange(len(foot)), :, foot].reshape(len(foot), 4, 1)
-    return leaning.changed(
-        shift=leaning.shift + added[:, :2, 0],
-        lift=leaning.lift + added[:, 2, 0],
-        push=leaning.push + added[:, 3:, 0],
-    )
+    return leaning.accelerated(added[..., 0])
 
 
 def leaned(observed: Observation, lean: np.ndarray) -> Observation:

@@ -45,7 +45,11 @@ def _soften(rig: Rig, target: str, values: Values) -> Rig:
 
 
 def _yielded(observed: Observation, target: str, values: Values) -> Observation:
-    return _turned(observed, target, values[0] * observed.torques[:, observed.tree.joints.index(target)])
+    column = observed.tree.joints.index(target)
+    yielded = _turned(observed, target, values[0] * observed.torques[:, column])
+    if not observed.moves:
+        return yielded
+    return yielded.accelerated(values[0] * observed.motion.yielding[..., column])
 
 
 def _loosen(rig: Rig, target: str, values: Values) -> Rig:

@@ -21,12 +21,7 @@ def directions(observed: Observation) -> tuple[str, ...]:
 
 
 def _without_inertia(observed: Observation, target: str, values: Values) -> Observation:
-    added = values[0] * observed.motion.unknown[..., int(target) - 1]
-    return observed.changed(
-        shift=observed.shift + added[:, :2],
-        lift=observed.lift + added[:, 2],
-        push=observed.push + added[:, 3:],
-    )
+    return observed.accelerated(values[0] * observed.motion.unknown[..., int(target) - 1])
 
 
 def _without_lag(observed: Observation, target: str, values: Values) -> Observation:

@@ -9,8 +9,8 @@ import numpy as np
 
 from tulip_testbed.identification.base_parameters import standard_parameters
 from tulip_testbed.identification.cad_prior import CENTER_SD, MASS_SD
-from tulip_testbed.identification.kinematics import frame_positions, link_rotations, walk
-from tulip_testbed.identification.nominal import Nominal
+from tulip_testbed.identification.kinematics import frame_positions, link_rotations, roll_pitch_yaw, walk
+from tulip_testbed.identification.nominal import Nominal, PostureGeometry
 from tulip_testbed.measurements import Measurements
 from tulip_testbed.measurements.data import base_foot
 from tulip_testbed.sim.robot import rotation_matrices
@@ -18,6 +18,7 @@ from tulip_testbed.sim.robot import rotation_matrices
 # Gauss's rule for means over a row's window, whose weight is 15/16 (1 - u^2)^2: places u and weights.
 INERTIA_SD = 0.3  # relative, of the second moments of a link's density about its centre; assumed
 ROCKED = 0.01  # rad/s, rad/s2: steps of derivatives
+SYMMETRIC = np.array([[0, 1, 3], [1, 2, 4], [3, 4, 5]])  # elements xx, xy, yy, xz, yz, zz
 LENGTH = 1.0  # m: a force counts as a shift of the centre of pressure by it over the weight
 MOST_DIRECTIONS, LEAST_SHIFT = 12, 1e-5  # of inertial parameters that the base parameters leave open; m
 CROSSES = np.cross(np.eye(3)[:, None], np.eye(3)).mT.reshape(3, 9)  # e_i x, side by side
@@ -104,6 +105,10 @@ class BeyondWeight:
             Nm/s3], see `Observation.sole_loads`. Soles yield late, and a body on soft feet is accelerated.
         rocking: derivative by rate and acceleration of roll and of pitch of the foot that carries,
             (m, 5, 4).
+        yielding: derivative by the compliance of every joint, whose link is accelerated against its encoder
+            as its load changes, (m, 5, n_joints).
+        between: mean pose of the swing sole over each row's window less the pose in the mean posture,
+            x, y, z, roll, pitch, yaw, (m, 6) [m, rad]. The postures between are not on a straight line.
         of_links: what each link needs by CAD beyond its weight, see `link_wrenches`, (m, n_links, 6).
         shown: whether the contact sensors show these forces.
     """
@@ -114,15 +119,17 @@ class BeyondWeight:
     directions: np.ndarray
     load_rates: np.ndarray
     rocking: np.ndarray
+    yielding: np.ndarray
+    between: np.ndarray
     of_links: np.ndarray
     shown: bool = field(default=True, kw_only=True)
 
     def take(self, rows: np.ndarray) -> Self:
-        names = ("by_cad", "slope", "unknown", "load_rates", "rocking", "of_links")
+        names = ("by_cad", "slope", "unknown", "load_rates", "rocking", "yielding", "between", "of_links")
         return replace(self, **{name: getattr(self, name)[rows] for name in names})
 
 
-NOTHING = ((0, 5), (0, 5, 0), (0, 5, 0), (0, 0), (0, 3, 2, 2), (0, 5, 4), (0, 0, 6))
+NOTHING = ((0, 5), (0, 5, 0), (0, 5, 0), (0, 0), (0, 3, 2, 2), (0, 5, 4), (0, 5, 0), (0, 6), (0, 0, 6))
 HELD = BeyondWeight(*map(np.zeros, NOTHING))
 
 
@@ -159,16 +166,30 @@ def beyond_weight(
         squares, turn = np.linalg.eigh(flat.T @ flat / len(measurements))
         most = squares[::-1][:MOST_DIRECTIONS] > LEAST_SHIFT**2
         directions = rest @ turn[:, ::-1][:, :MOST_DIRECTIONS][:, most]
-    none = [np.zeros((len(measurements), *shape[1:])) for shape in NOTHING[4:6]]
+    shapes = (*NOTHING[4:6], (0, 5, measurements.joint_angles.shape[1]))
+    none = [np.zeros((len(measurements), *shape[1:])) for shape in shapes]
     return BeyondWeight(
         *(by_cad, by_all @ known, by_all @ directions, directions),
         *none,
+        between=_between(nominal, measurements),
         of_links=np.einsum("mklp,lp->mlk", added, cad),
     )
 
 
+def _between(nominal: Nominal, measurements: Measurements) -> np.ndarray:
+    """Compute `BeyondWeight.between`."""
+
+    def pose(angles: np.ndarray) -> np.ndarray:
+        standard, tree = standard_parameters(nominal.robot.model), nominal.parameters.tree
+        place, turn = PostureGeometry(nominal, tree, angles, measurements.support, standard).swing_sole
+        return np.column_stack([place, roll_pitch_yaw(turn)])
+
+    mean = sum(share * pose(_within(measurements, at).joint_angles) for at, share in QUADRATURE)
+    return mean - pose(measurements.joint_angles)
+
+
 def rocking(nominal: Nominal, measurements: Measurements) -> np.ndarray:
-    """Compute `BeyondWeight.rocking` by CAD, by central differences, for sensors in the feet."""
+    """Compute `BeyondWeight.rocking` by CAD, by central differences."""
     cad, weight = inertial_parameters(nominal.robot.model), nominal.mass * measurements.gravity
     out = []
     for turning in ROCKED * np.eye(6)[[0, 1, 3, 4]]:
@@ -178,9 +199,37 @@ def rocking(nominal: Nominal, measurements: Measurements) -> np.ndarray:
         )
         force = (after - before)[:, :3] / [weight, weight, 1.0]
         center = [np.column_stack([-w[:, 4], w[:, 3]]) / w[:, 2:3] for w in (after, before)]
-        change = np.column_stack([center[0] - center[1], force[:, 2], force[:, :2]])
+        center = center[0] - center[1] - _depth(measurements) * force[:, :2]
+        change = np.column_stack([center, force[:, 2], force[:, :2]])
         out.append(change / (2 * ROCKED))
     return np.stack(out, axis=2)
+
+
+def by_accelerations(geometry: PostureGeometry, measurements: Measurements) -> np.ndarray:
+    """Differentiate what `BeyondWeight` adds by the joints' accelerations, by CAD, (m, 5, n_joints)."""
+    nominal, tree = geometry.nominal, geometry.tree
+    cad, links = inertial_parameters(nominal.robot.model), np.array(tree.frame_of_link)
+    rotations, positions = (each[:, links] for each in geometry.frames)
+    mass, own = cad[:, 0], (rotations @ cad[:, 1:4, None])[..., 0]
+    inertia = rotations @ cad[:, 4:][:, SYMMETRIC] @ rotations.mT
+    both = positions[..., None] * own[..., None, :]
+    whole = mass[:, None, None] * positions[..., None] * positions[..., None, :] + both + both.mT
+    inertia = (
+        inertia + np.trace(whole, axis1=2, axis2=3)[..., None, None] * np.eye(3) - whole
+    )  # about the origin
+    beyond = geometry.moved[:, links] - 1.0 * (
+        geometry.on_swing_foot[:, None, None] * geometry.moved[:, nominal.swing_frame, None]
+    )
+    moment = np.einsum("mnl,mla->mna", beyond, mass[:, None] * positions + own)
+    axes, pivots = geometry.axes, geometry.pivots
+    force = np.cross(axes, moment - (beyond @ mass)[..., None] * pivots)
+    turning = np.einsum("mnl,mlab,mnb->mna", beyond, inertia, axes, optimize=True)
+    turning = turning - np.cross(moment, np.cross(axes, pivots))
+    weight, center = nominal.mass * measurements.gravity, geometry.center[:, None]
+    push = force[..., :2] / weight
+    shift = np.stack([-turning[..., 1], turning[..., 0]], axis=2) - center[..., :2] * force[..., 2:]
+    shift = shift / weight - _depth(measurements) * push
+    return np.concatenate([shift, force[..., 2:], push], axis=2).mT
 
 
 def _depth(measurements: Measurements) -> float:

@@ -11,6 +11,7 @@ from tulip_testbed.sim.control import Controller, torque_limits
 from tulip_testbed.sim.robot import Robot, joint_names
 
 ROUNDING = 1e-12  # relative
+BREAKING_LOOSE = 0.003  # rad/s, speed from which dry friction acts in full; assumed
 # S.d. of the wrench between the closed legs about that of elastic servos without friction, assumed: a fifth
 # of the wrench of TULip's postures. Friction at rest makes most of it.
 UNSEEN = np.array([1.0, 1.0, 0.4])  # N, N, Nm
@@ -119,6 +120,7 @@ def joint_loads(
     servo_stiffness: np.ndarray,
     servo_gain: np.ndarray,
     sag: np.ndarray,
+    friction: np.ndarray,
     of_links: np.ndarray,
 ) -> Loads:
     """Compute the loads of joints and feet from the nominal robot and the cells.
@@ -141,6 +143,8 @@ def joint_loads(
         servo_stiffness: torque of each joint's servo per error of its angle, (n_joints,) [Nm/rad].
         servo_gain: the same without what yields between encoder and link. sag: part of the error of the
             angles which feed-forward leaves, (m,), see `sag_left`.
+        friction: torque of dry friction on each joint that turns, against its rate, (m, n_joints) [Nm]. A
+            servo sags under it, and no feed-forward takes that off.
         of_links: what each link needs beyond its weight, (m, n_links, 6) [N, Nm]; (0, ...): it is held.
     """
     mass = geometry.standard[:, 0].sum()
@@ -171,7 +175,7 @@ def joint_loads(
     closed = _inverted(closing @ (unknown / servo_stiffness[:, None]))
     turns = closed @ closing
     yields = turns * (1 / servo_stiffness - (1 - left) / servo_gain)
-    push = -(yields @ torque[..., None])[..., 0]
+    push = -(yields @ torque[..., None] + turns @ (friction / servo_gain)[..., None])[..., 0]
     return Loads(
         torques=torque + (unknown @ push[..., None])[..., 0],
         internal_wrench=push,
@@ -241,6 +245,17 @@ def sag_left(loads: Loads, sags: np.ndarray, experiment: np.ndarray) -> np.ndarr
         squares += mean * mean[0] / (by_zeros + every / rows.sum())
         part[rows] = np.clip((LITTLE + squares[1].sum()) / (LITTLE + squares[0].sum()), 0.0, 1.0)
     return part
+
+
+def dry_friction(robot: Robot, rates: np.ndarray) -> np.ndarray:
+    """Return the torque by which dry friction resists the drives at these rates, (m, n_joints) [Nm].
+
+    Args:
+        rates: of the joints, (m, n_joints) [rad/s].
+    """
+    model = robot.model
+    most = np.array([model.joint(name).frictionloss[0] for name in joint_names(model)])
+    return -most * np.tanh(rates / BREAKING_LOOSE)
 
 
 def servo_stiffness(robot: Robot, gains: Mapping[str, float]) -> np.ndarray:

@@ -18,8 +18,20 @@ from tulip_testbed.identification.ballast import Ballast, ballast_of, known_weig
 from tulip_testbed.identification.base_parameters import standard_parameters
 from tulip_testbed.identification.cad_prior import CadPrior
 from tulip_testbed.identification.contact_readings import ContactReadings, of_cells, of_wrenches
-from tulip_testbed.identification.inertial_wrench import HELD, BeyondWeight, beyond_weight, rocking
-from tulip_testbed.identification.joint_loads import Loads, joint_loads, sag_left, servo_stiffness
+from tulip_testbed.identification.inertial_wrench import (
+    HELD,
+    BeyondWeight,
+    beyond_weight,
+    by_accelerations,
+    rocking,
+)
+from tulip_testbed.identification.joint_loads import (
+    Loads,
+    dry_friction,
+    joint_loads,
+    sag_left,
+    servo_stiffness,
+)
 from tulip_testbed.identification.kinematics import Tree, turned_about
 from tulip_testbed.identification.noise_in_time import Decorrelation, NoiseInTime, decorrelation
 from tulip_testbed.identification.nominal import Nominal, PostureGeometry
@@ -30,6 +42,7 @@ from tulip_testbed.sim.scene import plate_masses
 LONG_GAP = 1.5  # of the median time between a placement's postures
 STILL = 10.0  # s, assumed: simulated feet creep 0.1 mm in 75 s, and slip by 0.6 mm where a corner lifts
 LEAST_LOAD = 0.5  # N
+INSTANT = 0.02  # s, step of differences in time
 CROSSTALK = 0.01  # of the load on a board that a cell in the air may read
 SIZE, TWISTS, CLOSURE = 11, slice(3, 5), slice(5, 11)  # residuals of a posture, see `residual_channels`
 NEARLY_ALL = 0.9  # of the postures
@@ -66,6 +79,8 @@ class Observation:
             cells the twist of a board holds no information. A tared cell without load reads minus its share
             of the board's weight; if the empty board rocked when it was tared, nothing.
         motion: what motion adds to shift, lift and push, see `BeyondWeight`; nothing if the robot is held.
+        friction: torque of dry friction on each joint that turns, against its rate, by the nominal robot,
+            (m, n_joints) [Nm].
         sag: of servos, the part that feed-forward leaves, by the commands, (m,), see `joint_loads`.
         noise_in_time: how the noise of rows is correlated in time; None: it is not.
         cad: what CAD says about the base parameters; None: the postures determine them.
@@ -94,6 +109,7 @@ class Observation:
     cell_sd: float
     time_fraction: np.ndarray
     on_four_cells: np.ndarray
+    friction: np.ndarray
     sag: np.ndarray
     motion: BeyondWeight = HELD
     noise_in_time: NoiseInTime | None = None
@@ -298,6 +314,7 @@ class Observation:
             self.servo_stiffness,
             self.servo_gain,
             self.sag,
+            self.friction,
             self.motion.of_links,
         )
 
@@ -327,7 +344,14 @@ class Observation:
                 slope=motion.slope * force[:, None],
                 unknown=motion.unknown * force[:, None],
                 rocking=motion.rocking * force[:, None],
+                yielding=motion.yielding * force[:, None],
             ),
+        )
+
+    def accelerated(self, added: np.ndarray) -> Observation:
+        """Return the observation with more forces beyond its weight, (m, 5), see `BeyondWeight`."""
+        return self.changed(
+            shift=self.shift + added[:, :2], lift=self.lift + added[:, 2], push=self.push + added[:, 3:]
         )
 
     def take(self, rows: np.ndarray) -> Observation:
@@ -369,6 +393,9 @@ def observe(measurements: Measurements, nominal: Nominal, inertias: np.ndarray |
     added = motion.by_cad if len(motion.by_cad) else np.zeros((m, 5))
     share = np.array(plate_masses(nominal.robot)) * measurements.gravity / 4
     gain = servo_stiffness(nominal.robot, measurements.gains)
+    rates = measurements.joint_rates
+    still = np.zeros_like(measurements.joint_angles)
+    resisting = still if rates is None else dry_friction(nominal.robot, rates)
     margin = max(LEAST_LOAD, 4 * (measurements.sensors.cell_sd or 0.0))
     observed = Observation(
         nominal=nominal,
@@ -385,6 +412,7 @@ def observe(measurements: Measurements, nominal: Nominal, inertias: np.ndarray |
         shift=added[:, :2],
         lift=known_weight(measurements) + added[:, 2],
         push=added[:, 3:],
+        friction=resisting,
         sag=np.ones(m),
         motion=motion,
         standard=standard_parameters(nominal.robot.model),
@@ -406,19 +434,42 @@ def observe(measurements: Measurements, nominal: Nominal, inertias: np.ndarray |
         ),
     )
     if measurements.command is not None:
-        sags = measurements.command - measurements.joint_angles
+        sags = measurements.command - measurements.joint_angles + observed.friction / gain
         observed = observed.changed(sag=sag_left(observed.loads, sags, measurements.of_experiment))
-    m = measurements
-    if not observed.moves or not observed.in_feet or m.wrench_rates is None or m.wrench_accelerations is None:
-        return observed
-    jerks = 0 * m.wrench_rates if m.wrench_jerks is None else m.wrench_jerks
-    assert contacts.by_channel is not None
-    rates = [
-        observed._about_centers(np.nan_to_num(one) @ contacts.by_channel.T)
-        for one in (m.wrench_rates, m.wrench_accelerations, jerks)
+    return observed if not observed.moves else observed.changed(motion=_yielding(observed))
+
+
+def _yielding(observed: Observation) -> BeyondWeight:
+    """Return what motion adds, with what it adds in a robot that yields to loads that change."""
+    m, motion = observed.measurements, observed.motion
+    if m.contacts is None:
+        rates = m.cell_rates, m.cell_accelerations, None
+    else:
+        rates = m.wrench_rates, m.wrench_accelerations, m.wrench_jerks
+    if rates[0] is None or rates[1] is None:
+        return motion
+    by_channel = observed.contacts.by_channel
+    of_readings = [
+        np.zeros_like(observed.cell_forces)
+        if rate is None
+        else (rate if by_channel is None else np.nan_to_num(rate) @ by_channel.T).reshape(len(m), -1)
+        for rate in rates
     ]
-    return observed.changed(
-        motion=replace(motion, load_rates=np.stack(rates, axis=1), rocking=rocking(nominal, m))
+    none = np.zeros_like(m.joint_angles)
+    rate, faster = (none if each is None else each for each in (m.joint_rates, m.joint_accelerations))
+    before, after = (
+        observed.changed(
+            joint_angles=observed.joint_angles + at * rate + at**2 / 2 * faster,
+            cell_forces=observed.cell_forces + at * of_readings[0] + at**2 / 2 * of_readings[1],
+        ).torques
+        for at in (-INSTANT, INSTANT)
+    )
+    bending = (after - 2 * observed.torques + before) / INSTANT**2
+    return replace(
+        motion,
+        load_rates=np.stack([observed._about_centers(rate) for rate in of_readings], axis=1),
+        rocking=rocking(observed.nominal, m),
+        yielding=by_accelerations(observed.geometry, m) * bending[:, None],
     )
 
 

@@ -18,6 +18,7 @@ from tulip_testbed.measurements.data import feet_in_contact
 
 CHANNELS = ("A", "F", "T", "C")
 ROWS = {"A": slice(0, 2), "F": slice(2, 3), "T": TWISTS, "C": CLOSURE}
+FROM_POSE = [2, 3, 4, 0, 1, 5]  # of x, y, z, roll, pitch, yaw: what channel C holds
 ANCHORED = slice(8, 11)  # x, y, yaw of the swing foot, known up to a constant of the placement
 UNITS = {"A": "mm", "F": "N", "T": "N", "C": "mm, deg"}
 TWIST = np.array([1.0, -1.0, 1.0, -1.0])
@@ -104,6 +105,7 @@ def residuals(observed: Observation, theta: np.ndarray) -> np.ndarray:
     out[:, 6:8] = pose[:, 3:5] - observed.swing_tilt
     out[:, ANCHORED] = pose[:, [0, 1, 5]]
     if observed.moves:
+        out[:, ROWS["C"]] += observed.motion.between[:, FROM_POSE]
         out += in_motion(observed, observed.motion.slope) @ (theta - observed.nominal.value)
     return out
 

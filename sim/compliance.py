@@ -68,6 +68,15 @@ def add_compliance(spec: mujoco.MjSpec, robot: Robot, compliance: Compliance) ->
                 _spring(cell, "z", mujoco.mjtJoint.mjJNT_SLIDE, [0, 0, 1], compliance.cell)
 
 
+def lagging(model: mujoco.MjModel) -> np.ndarray:
+    """Return which degrees of freedom are such springs, (nv,) bool: these follow a load late, by 40 ms."""
+    damping = 2.0 * model.jnt_stiffness / RATE
+    springs = (model.jnt_stiffness > 0) & np.isclose(model.dof_damping[model.jnt_dofadr], damping)
+    out = np.zeros(model.nv, bool)
+    out[model.jnt_dofadr[springs]] = True
+    return out
+
+
 def _hang(
     spec: mujoco.MjSpec, body: mujoco.MjsBody, name: str, position: list[float], parts: list
 ) -> mujoco.MjsBody:

@@ -26,7 +26,7 @@ from tulip_testbed.experiments.discovery_curves import about_stances
 from tulip_testbed.identification.center_of_pressure import center_of_pressure
 from tulip_testbed.identification.inertial_wrench import inertial_parameters, link_wrenches
 from tulip_testbed.identification.nominal import nominal_robot
-from tulip_testbed.identification.observation import observe, turned
+from tulip_testbed.identification.observation import CLOSURE, observe, turned
 from tulip_testbed.identification.preflight import motion_checks
 from tulip_testbed.identification.residual_channels import ANCHORED, residuals
 from tulip_testbed.measurements import read_samples
@@ -78,6 +78,26 @@ def test_forces_of_the_ground_are_those_that_the_motion_needs(robot, moved):
     assert np.abs(m.cell_forces.sum(axis=1) - wrench[:, 2]).max() < 0.1
 
 
+def test_the_legs_close_between_the_postures_of_a_row_too(robot, moved):
+    observed = observe(moved.measurements, nominal_robot(robot))
+    left = about_stances(residuals(observed, observed.nominal.value), observed.stance)[:, CLOSURE]
+    assert np.sqrt((left**2).mean(axis=0)).max() < 1.5e-5  # m, rad
+
+
+@pytest.mark.parametrize("label", ["sole-compliance=0.0003", "joint-compliance:right_ankle_pitch=0.0002"])
+def test_what_yields_to_a_load_that_changes_accelerates_the_body(robot, planned, moved, label):
+    run = tt.Laboratory(robot, sensors=EXACT).with_effects(label).run(planned.plan, seed=2, workers=1)
+    ((instance,),) = (run.laboratory.hidden,)
+    observed = observe(run.measurements, nominal_robot(robot))
+    motion = observed.motion
+    still = replace(motion, load_rates=0 * motion.load_rates, yielding=0 * motion.yielding)
+    left, without = (
+        np.sqrt((about_stances(residuals(each, each.nominal.value), each.stance)[:, :2] ** 2).mean())
+        for each in (removed(one, [instance]) for one in (observed, observed.changed(motion=still)))
+    )
+    assert left < 0.5 * without
+
+
 @pytest.mark.parametrize("fed", [True, False])
 def test_the_side_force_between_the_feet_follows_from_the_commands(robot, three, fed):
     """Servos sag without feed-forward. Loads of that put a link at its play's other end."""
@@ -90,7 +110,7 @@ def test_the_side_force_between_the_feet_follows_from_the_commands(robot, three,
     truth = turned(m.plate_poses[:, 1, 2], m.wrenches[:, 1, :2])
     assert np.abs(truth).mean(axis=0).max() < 1 if fed else np.abs(truth).mean(axis=0).min() > 5
     off = truth - observed.loads.internal_wrench[:, :2]
-    assert np.sqrt((off**2).mean(axis=0)).max() < 1  # N, friction of the drives
+    assert np.sqrt((off**2).mean(axis=0)).max() < 0.6  # N; 0.8 without the friction of the drives
 
 
 def test_feet_that_creep_have_no_place_for_longer_than_a_stance(robot, monkeypatch):

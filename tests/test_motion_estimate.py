@@ -14,7 +14,11 @@ from tulip_testbed.calibration.reml import fit, given
 from tulip_testbed.effects.motion_effects import LAG
 from tulip_testbed.identification import inertial_wrench
 from tulip_testbed.identification.base_parameters import common_support, standard_parameters
-from tulip_testbed.identification.inertial_wrench import beyond_weight, inertial_parameters
+from tulip_testbed.identification.inertial_wrench import (
+    beyond_weight,
+    by_accelerations,
+    inertial_parameters,
+)
 from tulip_testbed.identification.joint_loads import UNSEEN, joint_loads
 from tulip_testbed.identification.noise_in_time import WHITE, NoiseInTime, decorrelation
 from tulip_testbed.identification.noise_structure import NoiseStructure, groups
@@ -65,6 +69,27 @@ def test_most_of_what_motion_adds_follows_from_the_base_parameters(robot, nomina
     assert rms(left[:, :2].ravel() - flat @ deviates) < 0.25 * rms(left[:, :2].ravel())
 
 
+@pytest.mark.parametrize("side", ["double", "right", "left"])
+def test_forces_of_joints_that_are_accelerated_are_those_of_the_regressor(robot, side):
+    m = replace(moving(robot, np.random.default_rng(410), 5), support=np.full(5, side))
+    m = replace(m, joint_rates=None, joint_accelerations=np.zeros_like(m.joint_angles), window=np.zeros(5))
+    nominal = nominal_robot(robot, common_support(m.support))
+    step = 1e-3 * np.eye(len(m.joints))[:, None]
+    after, before = (
+        np.stack(
+            [
+                beyond_weight(nominal, replace(m, joint_accelerations=at + 0 * m.joint_angles)).by_cad
+                for at in steps
+            ],
+            axis=2,
+        )
+        for steps in (step, -step)
+    )
+    found = by_accelerations(observe(m, nominal).geometry, m)
+    for each, expected in zip(found.swapaxes(0, 1), ((after - before) / 2e-3).swapaxes(0, 1), strict=True):
+        assert each == pytest.approx(expected, abs=1e-5 * np.abs(expected).max())
+
+
 def test_a_robot_that_is_held_adds_nothing(robot):
     m = dataclasses.replace(
         moving(robot, np.random.default_rng(401), 4), joint_rates=None, joint_accelerations=None
@@ -105,6 +130,7 @@ def test_joints_of_a_robot_that_moves_bear_what_inverse_dynamics_need(which, rob
         servo_stiffness=np.ones(joints),
         servo_gain=np.ones(joints),
         sag=np.ones(count),
+        friction=np.zeros((count, joints)),
         of_links=beyond_weight(nominal, m).of_links,
     )
     # The load turns a joint the other way than its drive. Rows last no time, so that means are values.

@@ -205,6 +205,7 @@ def _rows(samples: Measurements, windows: list[_Window], window: float) -> Measu
         joint_rates=each("joint_angles", rate),
         joint_accelerations=each("joint_angles", acceleration),
         cell_rates=each("cell_forces", rate),
+        cell_accelerations=each("cell_forces", acceleration),
         wrench_rates=each("wrenches", rate),
         wrench_accelerations=each("wrenches", acceleration),
         wrench_jerks=each("wrenches", jerk),
