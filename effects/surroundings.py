@@ -25,14 +25,33 @@ def _tilt(rig: Rig, target: str, values: Values) -> Rig:
 
 
 def _level(observed: Observation, target: str, values: Values) -> Observation:
-    about_x, about_y = values
-    slope = np.array([np.tan(about_y) / np.cos(about_x), -np.tan(about_x)])
+    return _level_by(observed, *np.transpose([values]))
+
+
+def _level_by(observed: Observation, about_x: np.ndarray, about_y: np.ndarray) -> Observation:
+    """Return the observation on a level floor, of one tilted in every row or alike in all [rad]."""
+    slope = np.column_stack([np.tan(about_y) / np.cos(about_x), -np.tan(about_x)])
     normal = np.cos(about_x) * np.cos(about_y)
     return observed.changed(
         shift=observed.shift + observed.height[:, None] * slope,
         lift=observed.lift + observed.loaded_weight * (normal - 1),
         push=observed.push - slope,
     )
+
+
+def _yield_to_load(rig: Rig, target: str, values: Values) -> Rig:
+    def softer(one: Rig) -> Rig:
+        about_x, about_y = np.add(one.floor, values).tolist()
+        return replace(one, floor=(about_x, about_y))
+
+    return always(rig, softer)
+
+
+def _unyielding(observed: Observation, target: str, values: Values) -> Observation:
+    about_x, about_y = values
+    down, point = observed.foot_loads
+    x, y = (down[..., None] * point).sum(axis=1).T
+    return _level_by(observed, -about_x * y, about_y * x)
 
 
 def _pull(rig: Rig, target: str, values: Values) -> Rig:
@@ -104,6 +123,24 @@ EFFECTS = (
 
         The cells measure along the floor's normal. In the floor's axes gravity is tilted, so the centre of
         pressure lies downhill of the centre of mass, by its height over the cells times the slope.
+        """,
+    ),
+    Effect(
+        name="floor-compliance",
+        sentence="The floor under both plates yields to the side of the load.",
+        parameters=(
+            Parameter("about x", "rad/Nm", prior=np.radians(0.01), positive=True),
+            Parameter("about y", "rad/Nm", prior=np.radians(0.01), positive=True),
+        ),
+        mechanism=Physics(_yield_to_load, _unyielding),
+        words="The floor yields by {0} about x and {1} about y.",
+        lasting=Lasting(until="session", of_room=True),
+        explanation="""The floor turns with robot and plates to the side where the load is.
+
+        Robot and plates keep their places on the floor, so that encoders and cells see only how gravity turns
+        in its axes. Moments are those of the cells' forces about the foot that carries the base frame. A turn
+        by the weight alone is a constant tilt, which is an effect of its own. The simulation turns gravity as
+        the cells are loaded.
         """,
     ),
     Effect(

@@ -69,6 +69,7 @@ class Rig:
         misread: map from correct to faulty measurements, for instrument faults beyond noise.
         side_forces: parts that a plate's cells, all together, read of its horizontal force on the foot, along
             x and y of the plate, (2, 2).
+        floor: how far the floor yields to the load, see `soft_floor.gravity_on` [rad/(N m)].
         later: start, as a fraction of the time between first and last posture, and the rig that replaces
             this one from then on; instruments and protocol stay this one's.
     """
@@ -82,6 +83,7 @@ class Rig:
     edit: Callable[[mujoco.MjSpec], None] | None = None
     misread: Callable[[Measurements], Measurements] | None = None
     side_forces: tuple[tuple[float, float], tuple[float, float]] = ((0.0, 0.0), (0.0, 0.0))
+    floor: tuple[float, float] = (0.0, 0.0)
     later: tuple[float, Rig] | None = None
 
     @property

@@ -40,6 +40,7 @@ PHYSICS = {  # values and the least cosine
     "link-length:right_lower_leg": ((0.001,), 0.95),
     "link-length:left_hip": ((0.001,), 0.95),
     "link-length:torso": ((0.001,), 0.95),
+    "floor-compliance": ((0.0003, 0.0002), 0.95),
     "tether": ((1.0, -1.5), 0.95),
     "hoist": ((8.0,), 0.95),
     "tether-spring": ((20.0,), 0.95),
@@ -53,6 +54,7 @@ DYNAMICS = {
     "cell-position:left.front_left": ((0.01, -0.02), 0.95),
     "rocking:right.front_left": ((0.0003,), 0.95),
     "joint-compliance:right_knee": ((0.0005,), 0.95),
+    "floor-compliance": ((0.0003, 0.0002), 0.95),
     "tether-spring": ((20.0,), 0.95),
     "payload-step:torso": ((0.5, 0.7), 0.95),
 }

@@ -196,6 +196,7 @@ def _follow(
             for step in range(every * k, every * (k + 1)):
                 stand.command = commands[step]
                 mujoco.mj_step(model, data)
+                stand.turn_floor()
                 if step == every * k:  # sensors are those of the state before the step
                     states.append((joints, motors, stand.cell_forces(), stand.wrenches()))
             fault = stand.fault(SLIP) or ""

@@ -13,6 +13,7 @@ from tulip_testbed.sim.rig import Rig
 from tulip_testbed.sim.robot import joint_names, sole_point
 from tulip_testbed.sim.scene import laboratory_scene, nominal_plates
 from tulip_testbed.sim.sensors import ANKLE, PLATE
+from tulip_testbed.sim.soft_floor import gravity_on
 from tulip_testbed.sim.specs import compile_spec
 from tulip_testbed.sim.wrench_sensors import foot_addresses, frame_of, in_frame, mountings
 
@@ -39,7 +40,7 @@ class Stand:
         _add_clamps(spec, rig.robot.feet)
         soles = [spec.geom(f"{foot}_{CORNERS[0]}").parent.name for foot in rig.robot.feet]
         self.model = compile_spec(spec, str(rig.robot.path))
-        self.data = mujoco.MjData(self.model)
+        self.data, self.gravity = mujoco.MjData(self.model), self.model.opt.gravity.copy()
         self.qpos = np.array([self.model.joint(name).qposadr[0] for name in joints])
         motors = [motor_joint(self.model, name) for name in joints]
         self.motors = np.array([self.model.joint(motor).qposadr[0] for motor in motors])
@@ -99,7 +100,22 @@ class Stand:
 
     def run(self, duration: float) -> None:
         """Step for `duration` [s], at least one step."""
-        mujoco.mj_step(self.model, self.data, max(1, round(duration / self.model.opt.timestep)))
+        steps = max(1, round(duration / self.model.opt.timestep))
+        if not any(self.rig.floor):
+            mujoco.mj_step(self.model, self.data, steps)
+            return
+        for _ in range(steps):
+            mujoco.mj_step(self.model, self.data)
+            self.turn_floor()
+
+    def turn_floor(self) -> None:
+        """Turn the floor by the load that the cells bear now."""
+        if any(self.rig.floor):
+            x, y, yaw = self._feet()[self.base]
+            away = self.data.site_xpos[self.cell_sites, :2] - [x, y]
+            c, s = np.cos(yaw), np.sin(yaw)
+            places = away @ np.array([[c, -s], [s, c]])  # in the base frame
+            self.model.opt.gravity[:] = gravity_on(self.rig.floor, self.gravity, self.cell_forces(), places)
 
     def speed(self) -> float:
         """Return the largest speed of any degree of freedom [rad/s, m/s]."""

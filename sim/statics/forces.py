@@ -56,6 +56,7 @@ class Load:
         plates: planar poses of both plates, (..., 2, 3) [m, m, rad].
         mass, center: masses and centres of mass of the bodies, (..., nb) [kg], (..., nb, 3) [m].
         foot_contact: whether each foot is on its plate, (..., 2) bool.
+        gravity: of every item, (..., 3) [m/s2]; None: the mechanism's.
     """
 
     command: np.ndarray
@@ -65,12 +66,14 @@ class Load:
     mass: np.ndarray
     center: np.ndarray
     foot_contact: np.ndarray = field(default_factory=lambda: np.ones(2, bool))
+    gravity: np.ndarray | None = None
 
     def take(self, which: np.ndarray) -> Load:
         """Select items of a flat batch; shared arrays stay unchanged."""
         planes = ("feet", "plates", "center")  # arrays of two dimensions for every item
-        parts = {name: (part, 2 if name in planes else 1) for name, part in vars(self).items()}
-        return Load(**{name: part[which] if part.ndim > own else part for name, (part, own) in parts.items()})
+        given = {name: part for name, part in vars(self).items() if part is not None}
+        own = {name: 2 if name in planes else 1 for name in given}
+        return Load(**{name: part[which] if part.ndim > own[name] else part for name, part in given.items()})
 
 
 def residual(mechanism: Mechanism, state: StaticState, load: Load) -> np.ndarray:
@@ -201,7 +204,7 @@ def _turned(rotation: np.ndarray, joint: Joint, angle: np.ndarray) -> np.ndarray
 def body_loads(m: Mechanism, state: StaticState, load: Load, frames: Frames) -> tuple[np.ndarray, np.ndarray]:
     """Return force and moment on every body about the world's origin, (nb, ..., 3) each [N], [Nm]."""
     batch = state.angles.ndim - 1
-    weight = _by_body(load.mass[..., None], batch) * m.gravity
+    weight = _by_body(load.mass[..., None], batch) * (m.gravity if load.gravity is None else load.gravity)
     center = frames.place + (frames.rotation @ _by_body(load.center, batch)[..., None])[..., 0]
     force, moment = np.broadcast_to(weight, center.shape).copy(), cross(center, weight)
     for side, (sole, point) in enumerate(zip(m.soles, m.sole_points, strict=True)):
@@ -265,15 +268,15 @@ def contact_deflection(
     if (rocking := m.rocking[side]) is not None:
         board = board + rocking.deflection(down, tip)
     ox, oy = foot[..., 0] - plate[..., 0], foot[..., 1] - plate[..., 1]
-    tilt = _turned_about_z(board[..., 1:], plate[..., 2])
+    tilt = turned_about_z(board[..., 1:], plate[..., 2])
     height = board[..., 0] + tilt[..., 0] * oy - tilt[..., 1] * ox
-    press = np.concatenate([-wrench[..., 2:3], -_turned_about_z(wrench[..., 3:5], -foot[..., 2])], axis=-1)
+    press = np.concatenate([-wrench[..., 2:3], -turned_about_z(wrench[..., 3:5], -foot[..., 2])], axis=-1)
     sole = press @ m.sole_compliance[side].T
-    tilt = tilt + _turned_about_z(sole[..., 1:], foot[..., 2])
+    tilt = tilt + turned_about_z(sole[..., 1:], foot[..., 2])
     return np.concatenate([(height + sole[..., 0])[..., None], tilt], axis=-1)
 
 
-def _turned_about_z(vector: np.ndarray, yaw: np.ndarray) -> np.ndarray:
+def turned_about_z(vector: np.ndarray, yaw: np.ndarray) -> np.ndarray:
     c, s = np.cos(yaw), np.sin(yaw)
     x, y = vector[..., 0], vector[..., 1]
     return np.stack([c * x - s * y, s * x + c * y], axis=-1)
@@ -296,7 +299,7 @@ def board_wrench(
     ox, oy = foot[..., 0] - plate[..., 0], foot[..., 1] - plate[..., 1]
     mx = moment[..., 0] + oy * force[..., 2] - m.top_height * force[..., 1]
     my = moment[..., 1] + m.top_height * force[..., 0] - ox * force[..., 2]
-    return -force[..., 2], _turned_about_z(np.stack([mx, my], axis=-1), -plate[..., 2])
+    return -force[..., 2], turned_about_z(np.stack([mx, my], axis=-1), -plate[..., 2])
 
 
 def dot(a: np.ndarray, b: np.ndarray) -> np.ndarray:

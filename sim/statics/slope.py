@@ -103,7 +103,8 @@ def _sums_behind(
     center = np.moveaxis(load.center, -2, 0).reshape(len(m.bodies), -1, 3)
     mass = np.moveaxis(load.mass, -1, 0).reshape(len(m.bodies), -1, 1)
     center = frames.place + (frames.rotation @ center[..., None])[..., 0]
-    spread = center[..., :, None] * (mass * m.gravity)[..., None, :]
+    gravity = m.gravity if load.gravity is None else load.gravity
+    spread = center[..., :, None] * (mass * gravity)[..., None, :]
     for side, sole in enumerate(m.soles):
         spread[sole] += soles[side][:, :, None] * state.wrench[:, side, None, :3]
     force, moment, spread = (m.sums_behind(part).swapaxes(0, 1) for part in (force, moment, spread))

@@ -24,13 +24,15 @@ from tulip_testbed.sim.procedure import (
     weigh,
 )
 from tulip_testbed.sim.sensors import draw_zeros, sample_mean
+from tulip_testbed.sim.soft_floor import gravity_on
 from tulip_testbed.sim.statics.approach import approach_displacements, friction_at_rest, sway_displacements
-from tulip_testbed.sim.statics.forces import Load, StaticState, sole_poses
+from tulip_testbed.sim.statics.forces import Load, StaticState, sole_poses, turned_about_z
 from tulip_testbed.sim.statics.sensed_wrenches import sensed_wrenches
 from tulip_testbed.sim.statics.solve import cell_forces, faults, solve_by_chord
 from tulip_testbed.sim.statics.solved_plan import SolvedPlan, feet_in_base, standard_parameters_of
 
 NO_EQUILIBRIUM = "tipped"
+TURNS = 6  # of a floor that yields; each leaves a fifth of the change, or less
 
 
 @dataclass(frozen=True)
@@ -174,6 +176,11 @@ def solve_tries(
         foot_contact=feet_in_contact(plan.support)[tries.row],
     )
     state, solved = solve_by_chord(m, solved_plan.reference, tries.row, load)
+    for _ in range(TURNS if any(rig.floor) else 0):
+        places = turned_about_z(m.cells, load.plates[..., 2:]) + load.plates[..., None, :2]
+        gravity = gravity_on(rig.floor, m.gravity, cell_forces(m, state, load), places.reshape(-1, 8, 2))
+        load = replace(load, gravity=gravity)
+        state, solved = solve_by_chord(m, solved_plan.reference, tries.row, load)
     reason = faults(m, state, load, cell_forces(m, state, load), rig.robot.feet)
     return state, load, np.where(solved, reason, NO_EQUILIBRIUM)
 
