@@ -48,9 +48,9 @@ LOOSE = "loose parts"  # where they rest in their play, as far as the readings d
 ROW_TILT = np.radians(0.2)  # one s.d. at scale 1, assumed
 # Friction at rest opposes the loads, in like postures alike: its wrench is no noise that averages out, and
 # counts as so many times larger. On development seeds 96 % of the 95 % intervals of members held with 5,
-# 94 % with 3, 91 % with an estimated scale. Friction of a robot that moves turns round with it: in a
-# simulated motion with force plates its wrench was 1.0 N, 0.6 N and 0.2 Nm for some seconds. Counted five
-# times, noise seemed to last half a minute, since only then do like rows differ so little.
+# 94 % with 3, 91 % with an estimated scale. Friction of a robot that moves turns round with it, and is known
+# in part: in a simulated motion 0.6 N, 0.7 N and 0.1 Nm are left for some seconds. Counted five times, noise
+# seemed to last half a minute, since only then do like rows differ so little.
 SYSTEMATIC = 5.0
 INTERNAL_PRIOR = 0.01  # s.d. of the logarithm of the scale of the unseen wrench: it is not estimated
 # A foot is put down not quite where the servos want it, and the closed legs push it as long as it stands. How

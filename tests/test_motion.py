@@ -32,10 +32,13 @@ from tulip_testbed.identification.residual_channels import ANCHORED, residuals
 from tulip_testbed.measurements import read_samples
 from tulip_testbed.measurements.logs.series_reduction import reduced_motion
 from tulip_testbed.measurements.trajectory import runs
+from tulip_testbed.sim.compliance import lagging
 from tulip_testbed.sim.dynamics import moving_run
+from tulip_testbed.sim.dynamics.stand import Stand
 from tulip_testbed.sim.plan_folder import read_plan, write_plan
 from tulip_testbed.sim.procedure import header_of
 from tulip_testbed.sim.rig import preset_rig
+from tulip_testbed.sim.scene import boards_under
 from tulip_testbed.sim.sensors import PLATE, Sensors, WrenchSensors, delayed, sample_series
 from tulip_testbed.viewer.postures_view import log_standing
 from tulip_testbed.viewer.subject import of_measurements
@@ -76,6 +79,19 @@ def test_forces_of_the_ground_are_those_that_the_motion_needs(robot, moved):
     off = center_of_pressure(m) - moments / wrench[:, 2:3]
     assert np.sqrt((off**2).mean(axis=0)).max() < 1e-4
     assert np.abs(m.cell_forces.sum(axis=1) - wrench[:, 2]).max() < 0.1
+
+
+def test_springs_follow_a_load_sooner_while_the_robot_moves(robot, three):
+    effects = ("sole-compliance=0.0003", "joint-compliance:right_knee=0.0002")
+    rig = tt.Laboratory(robot, sensors=EXACT).with_effects(*effects).rig
+    stand = Stand(rig, boards_under(rig, three.foot_poses[:1])[0])
+    model, at = stand.model, lagging(stand.model)
+    before = model.dof_damping.copy()
+    soles = [f"{foot}_sole_{axis}" for foot in robot.feet for axis in ("roll", "pitch")]
+    assert {model.joint(k).name for k in model.dof_jntid[at]} == {*soles, "right_knee_yield"}
+    with moving_run._moving(stand):
+        assert model.dof_damping[at] == pytest.approx(moving_run.FREELY * before[at])
+    assert model.dof_damping == pytest.approx(before)
 
 
 def test_the_legs_close_between_the_postures_of_a_row_too(robot, moved):
