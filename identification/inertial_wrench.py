@@ -67,15 +67,19 @@ def moved_inertia(standard: np.ndarray, about_center: np.ndarray) -> np.ndarray:
     return whole[:, [0, 0, 1, 0, 1, 2], [0, 1, 1, 2, 2, 2]]
 
 
+def rates_of(m: Measurements) -> tuple[np.ndarray, np.ndarray]:
+    """Return rates and accelerations of the joints, (m, n_joints) each; zero where they were not measured."""
+    none = np.zeros_like(m.joint_angles)
+    rates, accelerations = (none if v is None else v for v in (m.joint_rates, m.joint_accelerations))
+    return rates, accelerations
+
+
 def _regressor(
     nominal: Nominal, measurements: Measurements, turning: Sequence[float] | np.ndarray = (0.0,) * 6
 ) -> tuple[np.ndarray, np.ndarray]:
     """Compute the regressor, with the base foot turning at a rate and an acceleration, (6,)."""
     m, robot = measurements, nominal.robot
-    rates, accelerations = (
-        np.zeros_like(m.joint_angles) if values is None else values
-        for values in (m.joint_rates, m.joint_accelerations)
-    )
+    rates, accelerations = rates_of(m)
     side, count = base_foot(m.support), len(nominal.parameters.tree.links)
     regressor, centers = np.empty((len(m), count, 6, 10)), np.empty((len(m), count, 3))
     for k, foot in enumerate((robot.stance_foot, robot.swing_foot)):
@@ -206,17 +210,19 @@ def rocking(nominal: Nominal, measurements: Measurements) -> np.ndarray:
 
 
 def by_accelerations(geometry: PostureGeometry, measurements: Measurements) -> np.ndarray:
-    """Differentiate what `BeyondWeight` adds by the joints' accelerations, by CAD, (m, 5, n_joints)."""
+    """Differentiate what `BeyondWeight` adds by the joints' accelerations, by CAD, (m, 5, n_joints).
+
+    A joint turns the links beyond it as one body. Its force is that of their first moment about the pivot,
+    its moment that of their inertia about the origin.
+    """
     nominal, tree = geometry.nominal, geometry.tree
     cad, links = inertial_parameters(nominal.robot.model), np.array(tree.frame_of_link)
     rotations, positions = (each[:, links] for each in geometry.frames)
     mass, own = cad[:, 0], (rotations @ cad[:, 1:4, None])[..., 0]
-    inertia = rotations @ cad[:, 4:][:, SYMMETRIC] @ rotations.mT
     both = positions[..., None] * own[..., None, :]
-    whole = mass[:, None, None] * positions[..., None] * positions[..., None, :] + both + both.mT
-    inertia = (
-        inertia + np.trace(whole, axis1=2, axis2=3)[..., None, None] * np.eye(3) - whole
-    )  # about the origin
+    moved = mass[:, None, None] * positions[..., None] * positions[..., None, :] + both + both.mT
+    moved = np.trace(moved, axis1=2, axis2=3)[..., None, None] * np.eye(3) - moved
+    inertia = rotations @ cad[:, 4:][:, SYMMETRIC] @ rotations.mT + moved  # about the base frame's origin
     beyond = geometry.moved[:, links] - 1.0 * (
         geometry.on_swing_foot[:, None, None] * geometry.moved[:, nominal.swing_frame, None]
     )
@@ -296,8 +302,7 @@ def _within(measurements: Measurements, at: float) -> Measurements:
     """Return the motion at a time in each row's window, from -1 to 1, by the means of the row."""
     m = measurements
     half = np.where(np.isfinite(m.window), m.window, 0.0)[:, None] / 2
-    none = np.zeros_like(m.joint_angles)
-    rates, faster = (none if v is None else v for v in (m.joint_rates, m.joint_accelerations))
+    rates, faster = rates_of(m)
     angles = m.joint_angles + half * at * rates + half**2 * (at**2 - 1 / 7) / 2 * faster
     return replace(m, joint_angles=angles, joint_rates=rates + half * at * faster)
 

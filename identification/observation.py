@@ -23,6 +23,7 @@ from tulip_testbed.identification.inertial_wrench import (
     BeyondWeight,
     beyond_weight,
     by_accelerations,
+    rates_of,
     rocking,
 )
 from tulip_testbed.identification.joint_loads import (
@@ -393,9 +394,6 @@ def observe(measurements: Measurements, nominal: Nominal, inertias: np.ndarray |
     added = motion.by_cad if len(motion.by_cad) else np.zeros((m, 5))
     share = np.array(plate_masses(nominal.robot)) * measurements.gravity / 4
     gain = servo_stiffness(nominal.robot, measurements.gains)
-    rates = measurements.joint_rates
-    still = np.zeros_like(measurements.joint_angles)
-    resisting = still if rates is None else dry_friction(nominal.robot, rates)
     margin = max(LEAST_LOAD, 4 * (measurements.sensors.cell_sd or 0.0))
     observed = Observation(
         nominal=nominal,
@@ -412,7 +410,7 @@ def observe(measurements: Measurements, nominal: Nominal, inertias: np.ndarray |
         shift=added[:, :2],
         lift=known_weight(measurements) + added[:, 2],
         push=added[:, 3:],
-        friction=resisting,
+        friction=dry_friction(nominal.robot, rates_of(measurements)[0]),
         sag=np.ones(m),
         motion=motion,
         standard=standard_parameters(nominal.robot.model),
@@ -455,8 +453,7 @@ def _yielding(observed: Observation) -> BeyondWeight:
         else (rate if by_channel is None else np.nan_to_num(rate) @ by_channel.T).reshape(len(m), -1)
         for rate in rates
     ]
-    none = np.zeros_like(m.joint_angles)
-    rate, faster = (none if each is None else each for each in (m.joint_rates, m.joint_accelerations))
+    rate, faster = rates_of(m)
     before, after = (
         observed.changed(
             joint_angles=observed.joint_angles + at * rate + at**2 / 2 * faster,
