@@ -167,6 +167,7 @@ def faults(settings: Settings) -> Iterator[str]:
     """Yield a row a kind of fault."""
     seeds = range(settings.seed, settings.seed + settings.count(LABORATORIES))
     calls = {settings.folder("motion") / f"faults-{seed}.json": (seed,) for seed in seeds}
+    moving(SPEEDS["usual"], *LONGER)  # once, before workers ask for it
     yield "\n" + header("hidden", "records", "named first", "other name", "verdicts")
     found = [case for cases in settings.kept("faults", discoveries, calls) for case in cases]
     for kind in ("", *FAULTS):
@@ -218,6 +219,7 @@ def hidden(settings: Settings) -> Iterator[str]:
     turns = [kind for _ in range(-(-count // len(kinds()))) for kind in rng.permutation(kinds()).tolist()]
     folder, cases = settings.folder("motion"), enumerate(turns[:count], settings.seed)
     calls = {folder / f"hidden-{seed}.json": (seed, kind) for seed, kind in cases}
+    moving(SPEEDS["usual"], *LONGER)  # once, before workers ask for it
     found = settings.kept("hidden", hidden_fault, calls)
     first, wrong = sum(one.first for one in found), sum(one.wrong for one in found)
     yield f"\n{len(found)} faults: {first} first, {wrong} confident and wrong.\n"
