@@ -432,8 +432,10 @@ def observe(measurements: Measurements, nominal: Nominal, inertias: np.ndarray |
         ),
     )
     if measurements.command is not None:
-        sags = measurements.command - measurements.joint_angles + observed.friction / gain
-        observed = observed.changed(sag=sag_left(observed.loads, sags, measurements.of_experiment))
+        # No feed-forward knows friction: what the sags show is compared with the loads without it.
+        loads = observed.changed(friction=np.zeros_like(observed.friction)).loads
+        sags = measurements.command - measurements.joint_angles
+        observed = observed.changed(sag=sag_left(loads, sags, measurements.of_experiment))
     return observed if not observed.moves else observed.changed(motion=_yielding(observed))
 
 
@@ -447,10 +449,11 @@ def _yielding(observed: Observation) -> BeyondWeight:
     if rates[0] is None or rates[1] is None:
         return motion
     by_channel = observed.contacts.by_channel
+    by_channel = np.eye(rates[0].shape[-1]) if by_channel is None else by_channel
     of_readings = [
         np.zeros_like(observed.cell_forces)
         if rate is None
-        else (rate if by_channel is None else np.nan_to_num(rate) @ by_channel.T).reshape(len(m), -1)
+        else (np.nan_to_num(rate) @ by_channel.T).reshape(len(m), -1)
         for rate in rates
     ]
     rate, faster = rates_of(m)
