@@ -1,6 +1,7 @@
 """A floor that yields: robot and plates turn with it, by the moment of the load on the cells."""
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 
 def gravity_on(
@@ -18,8 +19,4 @@ def gravity_on(
     x, y = np.moveaxis((forces[..., None] * places).sum(axis=-2), -1, 0)
     # Load to the left (y > 0) turns the floor about -x, load to the front about +y.
     turn = np.stack([-about_x * y, about_y * x, np.zeros_like(x)], axis=-1)
-    size = np.maximum(np.linalg.norm(turn, axis=-1, keepdims=True), 1e-12)
-    axis = turn / size
-    along = (axis @ gravity)[..., None] * axis
-    across = np.cross(axis, gravity)  # the axes turn, so that gravity turns back
-    return along + (gravity - along) * np.cos(size) - across * np.sin(size)
+    return Rotation.from_rotvec(-turn).apply(gravity)  # the axes turn, so that gravity turns back

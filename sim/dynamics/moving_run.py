@@ -32,7 +32,7 @@ from tulip_testbed.sim.sensors import delayed, draw_zeros, sample_series
 # of a hold that is more than the weight presses it in: single steps lose a contact, and with it a tenth of
 # the weight. In these the centre of pressure agrees with the motion within 0.04 mm.
 CONTACT = (0.005, 0.995)
-# Of springs' damping: no gear and no rubber follows its load 40 ms late, and 8 ms change little.
+# Of springs' damping, assumed. It lets a hold come to rest; in a motion they would follow 40 ms late by it.
 FREELY = 0.2
 STICKS = 100.0  # MuJoCo's `impratio`: with that of a hold, feet creep 0.2 mm in 80 s, with this one 0.03 mm
 REST = 0.02  # of a segment's largest speed, below which it rests
