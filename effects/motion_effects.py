@@ -10,7 +10,6 @@ from tulip_testbed.effects.foot import leaned, rocked
 from tulip_testbed.effects.lasting import Values
 from tulip_testbed.effects.targets import FEET, WHOLE, Targets
 from tulip_testbed.identification.observation import Observation
-from tulip_testbed.identification.residual_channels import center
 from tulip_testbed.measurements.cells import PLATES
 from tulip_testbed.sim.rig import Rig
 
@@ -25,22 +24,11 @@ def _without_inertia(observed: Observation, target: str, values: Values) -> Obse
 
 
 def _without_lag(observed: Observation, target: str, values: Values) -> Observation:
-    """Return the cells' readings of the time of the angles, or the centre of mass of the readings' time.
+    """Return the observation of contacts that are read late, by the change of what they would read in time.
 
-    The latter leaves the change of inertial forces out, and the rates of noisy cells are noise: the larger of
-    both is avoided. Of other sensors the rates are unknown. The legs are closed at any time: of angles that
-    were moved themselves their closure would show the rates' noise alone, as evidence for no lag.
+    By the model, since the rates of noisy cells are noise. The legs are closed at any time.
     """
-    m = observed.measurements
-    if m.cell_rates is not None and m.contacts is None:
-        # Of an axis, by the stated places: a choice that moved with the estimate would not come to rest.
-        noise = observed.cell_sd * np.linalg.norm(m.cells) / 2**0.5 / observed.weight
-        if np.sqrt((observed.motion.by_cad[:, :2] ** 2).mean()) > noise:
-            return observed.changed(cell_forces=observed.cell_forces + values[0] * m.cell_rates)
-    assert m.joint_rates is not None
-    earlier = observed.changed(joint_angles=observed.joint_angles - values[0] * m.joint_rates)
-    before, now = (center(one) - one.geometry.regressor @ one.nominal.value for one in (earlier, observed))
-    return observed.changed(shift=observed.shift + now - before)
+    return observed.accelerated(-values[0] * observed.motion.rate)
 
 
 def _without_damping(observed: Observation, target: str, values: Values) -> Observation:

@@ -1,7 +1,7 @@
 """The wrench of the ground that the nominal robot needs to hold a posture, or to move as it was measured."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
 from typing import Self
 
 import mujoco
@@ -19,6 +19,9 @@ from tulip_testbed.sim.robot import rotation_matrices
 INERTIA_SD = 0.3  # relative, of the second moments of a link's density about its centre; assumed
 ROCKED = 0.01  # rad/s, rad/s2: steps of derivatives
 SYMMETRIC = np.array([[0, 1, 3], [1, 2, 4], [3, 4, 5]])  # elements xx, xy, yy, xz, yz, zz
+INSTANT = 0.001  # s, step of differences in time
+# Variance of a row's jerk, times samples and half window^6, by that of a sample: see `series_reduction`.
+JERK_NOISE = 1575.0
 LENGTH = 1.0  # m: a force counts as a shift of the centre of pressure by it over the weight
 MOST_DIRECTIONS, LEAST_SHIFT = 12, 1e-5  # of inertial parameters that the base parameters leave open; m
 CROSSES = np.cross(np.eye(3)[:, None], np.eye(3)).mT.reshape(3, 9)  # e_i x, side by side
@@ -113,6 +116,8 @@ class BeyondWeight:
             as its load changes, (m, 5, n_joints).
         between: mean pose of the swing sole over each row's window less the pose in the mean posture,
             x, y, z, roll, pitch, yaw, (m, 6) [m, rad]. The postures between are not on a straight line.
+        rate: derivative by time of all five, with the weight's centre of pressure, by CAD, (m, 5)
+            [m/s, m/s, N/s, 1/s, 1/s]. Contacts that are read late read what was.
         of_links: what each link needs by CAD beyond its weight, see `link_wrenches`, (m, n_links, 6).
         shown: whether the contact sensors show these forces.
     """
@@ -125,15 +130,19 @@ class BeyondWeight:
     rocking: np.ndarray
     yielding: np.ndarray
     between: np.ndarray
+    rate: np.ndarray
     of_links: np.ndarray
     shown: bool = field(default=True, kw_only=True)
 
     def take(self, rows: np.ndarray) -> Self:
-        names = ("by_cad", "slope", "unknown", "load_rates", "rocking", "yielding", "between", "of_links")
+        names = [one.name for one in fields(self) if one.name not in ("directions", "shown")]
         return replace(self, **{name: getattr(self, name)[rows] for name in names})
 
 
-NOTHING = ((0, 5), (0, 5, 0), (0, 5, 0), (0, 0), (0, 3, 2, 2), (0, 5, 4), (0, 5, 0), (0, 6), (0, 0, 6))
+NOTHING = (
+    *((0, 5), (0, 5, 0), (0, 5, 0), (0, 0), (0, 3, 2, 2)),
+    *((0, 5, 4), (0, 5, 0), (0, 6), (0, 5), (0, 0, 6)),
+)
 HELD = BeyondWeight(*map(np.zeros, NOTHING))
 
 
@@ -176,6 +185,7 @@ def beyond_weight(
         *(by_cad, by_all @ known, by_all @ directions, directions),
         *none,
         between=_between(nominal, measurements),
+        rate=_rate(nominal, measurements),
         of_links=np.einsum("mklp,lp->mlk", added, cad),
     )
 
@@ -190,6 +200,36 @@ def _between(nominal: Nominal, measurements: Measurements) -> np.ndarray:
 
     mean = sum(share * pose(_within(measurements, at).joint_angles) for at, share in QUADRATURE)
     return mean - pose(measurements.joint_angles)
+
+
+def _rate(nominal: Nominal, measurements: Measurements) -> np.ndarray:
+    """Compute `BeyondWeight.rate` by central differences.
+
+    Noise of the jerks would make every lag too short: of each joint only that share is taken that they vary
+    by beyond it (regression calibration, Carroll et al. 2006).
+    """
+    m, cad = measurements, inertial_parameters(nominal.robot.model)
+    rates, faster = rates_of(m)
+    jerks = np.zeros_like(rates)
+    if m.joint_jerks is not None:
+        half = m.window[:, None] / 2
+        noise = JERK_NOISE * m.joint_angles_sd**2 / (m.samples[:, None] * half**6)
+        size = (m.joint_jerks**2).mean(axis=0)
+        share = 1 - np.divide(noise.mean(axis=0), size, out=np.ones_like(size), where=size > 0)
+        jerks = np.maximum(share, 0.0) * m.joint_jerks
+    both = []
+    for at in (INSTANT, -INSTANT):
+        there = replace(
+            m,
+            joint_angles=m.joint_angles + at * rates + at**2 / 2 * faster + at**3 / 6 * jerks,
+            joint_rates=rates + at * faster + at**2 / 2 * jerks,
+            joint_accelerations=faster + at * jerks,
+        )
+        wrench = np.einsum("mlik,lk->mi", _regressor(nominal, there)[0], cad)
+        push = wrench[:, :2] / (nominal.mass * m.gravity)
+        center = np.column_stack([-wrench[:, 4], wrench[:, 3]]) / wrench[:, 2:3]
+        both.append(np.column_stack([center - _depth(m) * push, wrench[:, 2], push]))
+    return (both[0] - both[1]) / (2 * INSTANT)
 
 
 def rocking(nominal: Nominal, measurements: Measurements) -> np.ndarray:

@@ -346,6 +346,7 @@ class Observation:
                 unknown=motion.unknown * force[:, None],
                 rocking=motion.rocking * force[:, None],
                 yielding=motion.yielding * force[:, None],
+                rate=motion.rate * force,
             ),
         )
 

@@ -85,7 +85,7 @@ OF_ROWS = (  # fields of `Measurements` with a value for every row
     *("posture", "placement", "support", "time", "window", "samples"),
     *("joint_angles", "joint_angles_sd", "command", "motor", "cell_forces", "cell_forces_sd"),
     *("plate_poses", "wrenches", "wrenches_sd", "speed", "acceleration", "experiment"),
-    *("joint_rates", "joint_accelerations", "cell_rates", "cell_accelerations"),
+    *("joint_rates", "joint_accelerations", "joint_jerks", "cell_rates", "cell_accelerations"),
     *("wrench_rates", "wrench_accelerations", "wrench_jerks"),
 )
 OF_JOINTS = {  # fields with a value for every joint, by the prefix of their columns
@@ -108,7 +108,7 @@ OF_KIND = {"iu": "whole numbers", "iuf": "numbers", "U": "texts"}
 UNUSUAL = (np.float16, np.longdouble)  # of three digits, and of no use to linear algebra
 MAY_BE_NONE = (
     *("command", "motor", "torques", "wrenches_sd", "speed", "acceleration"),
-    *("joint_rates", "joint_accelerations", "cell_rates", "cell_accelerations"),
+    *("joint_rates", "joint_accelerations", "joint_jerks", "cell_rates", "cell_accelerations"),
     *("wrench_rates", "wrench_accelerations", "wrench_jerks"),
 )
 
@@ -134,8 +134,10 @@ class Measurements(MeasurementHeader):
         speed: largest speed of a joint in the window, (m,) [rad/s], or None.
         acceleration: of the robot's base in the window, (m,) [m/s2], or None.
         joint_rates, joint_accelerations: of a robot that moves, (m, n_joints) [rad/s, rad/s2]; None: held.
+        joint_jerks: third derivative of the angles, (m, n_joints) [rad/s3], of rows that were reduced in
+            memory; None: no folder of rows holds it.
         cell_rates, cell_accelerations: first and second derivative of the cells' readings, (m, 8) [N/s,
-            N/s2], of rows that were reduced in memory; None: no folder of rows holds them.
+            N/s2], likewise.
         wrench_rates, wrench_accelerations, wrench_jerks: first to third derivative of the wrench sensors'
             readings, (m, 2, c) [N/s, Nm/s; N/s2, Nm/s2; N/s3, Nm/s3], means over the window; None: not known.
         experiment: index of every row's experiment, (m,); None: there is at most one.
@@ -160,6 +162,7 @@ class Measurements(MeasurementHeader):
     acceleration: np.ndarray | None = None
     joint_rates: np.ndarray | None = None
     joint_accelerations: np.ndarray | None = None
+    joint_jerks: np.ndarray | None = None
     cell_rates: np.ndarray | None = None
     cell_accelerations: np.ndarray | None = None
     wrench_rates: np.ndarray | None = None

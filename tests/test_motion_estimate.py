@@ -15,6 +15,7 @@ from tulip_testbed.effects.motion_effects import LAG
 from tulip_testbed.identification import inertial_wrench
 from tulip_testbed.identification.base_parameters import common_support, standard_parameters
 from tulip_testbed.identification.inertial_wrench import (
+    JERK_NOISE,
     beyond_weight,
     by_accelerations,
     inertial_parameters,
@@ -24,7 +25,6 @@ from tulip_testbed.identification.noise_in_time import WHITE, NoiseInTime, decor
 from tulip_testbed.identification.noise_structure import NoiseStructure, groups
 from tulip_testbed.identification.nominal import PostureGeometry, nominal_robot
 from tulip_testbed.identification.observation import CLOSURE, SIZE, TWISTS, observe
-from tulip_testbed.identification.residual_channels import residuals
 
 STEP, WINDOW = 0.25, 0.5  # s, from row to row, of a row
 
@@ -137,15 +137,39 @@ def test_joints_of_a_robot_that_moves_bear_what_inverse_dynamics_need(which, rob
     assert found.torques == pytest.approx(-expected, abs=1e-9 * np.abs(expected).max())
 
 
-def test_a_lag_moves_the_centre_of_mass_and_leaves_the_legs_closed(precise, nominal):
-    rates, lag = 0.3 * np.random.default_rng(408).standard_normal(precise.joint_angles.shape), 0.02
-    late = dataclasses.replace(precise, joint_angles=precise.joint_angles - lag * rates)
-    after, before = (residuals(observe(one, nominal), nominal.value) for one in (late, precise))
-    observed = observe(dataclasses.replace(precise, joint_rates=rates), nominal)
-    found = residuals(LAG.remove(observed, "", (lag,)), nominal.value) - residuals(observed, nominal.value)
-    assert np.abs(found[:, :2]).max() > 1e-3  # m
-    assert found[:, :2] == pytest.approx((after - before)[:, :2], abs=1e-12)
-    assert not found[:, CLOSURE].any()
+def test_late_contacts_read_what_inverse_dynamics_needed_before(robot):
+    """By an oracle at two times, of a motion whose jerk is known."""
+    m = replace(moving(robot, np.random.default_rng(408), 4), support=np.full(4, "right"), window=np.ones(4))
+    jerks, step = np.random.default_rng(411).standard_normal(m.joint_angles.shape), 1e-3
+    m = replace(m, joint_jerks=jerks, joint_angles_sd=0 * jerks, samples=np.full(4, 50.0))
+    nominal = nominal_robot(robot, "right")
+    q, dq, ddq = m.joint_angles, m.joint_rates, m.joint_accelerations
+    weight, foot, read = nominal.mass * m.gravity, (robot, robot.stance_foot, nominal.points[0]), []
+    for at in (step, -step):
+        there = q + at * dq + at**2 / 2 * ddq + at**3 / 6 * jerks, dq + at * ddq + at**2 / 2 * jerks
+        motions = zip(*there, ddq + at * jerks, strict=True)
+        w = np.array([by_inverse_dynamics(*foot, *one)[0] for one in motions])
+        read.append(np.column_stack([-w[:, 4] / w[:, 2], w[:, 3] / w[:, 2], w[:, 2], w[:, :2] / weight]))
+    expected = (read[0] - read[1]) / (2 * step)
+    observed = observe(m, nominal)
+    off = np.abs(observed.motion.rate - expected).max(axis=0) / np.abs(expected).max(axis=0)
+    assert (off < 1e-4).all(), off
+    late = LAG.remove(observed, "", (0.02,))
+    assert late.shift - observed.shift == pytest.approx(-0.02 * expected[:, :2], rel=1e-3)
+
+
+def test_noise_of_the_jerks_makes_no_lag_too_short(robot, nominal):
+    m, rng = slow_motion(robot, np.random.default_rng(412), 300), np.random.default_rng(413)
+    jerks, noise = rng.standard_normal((2, *m.joint_angles.shape))
+    m = replace(m, joint_rates=0 * jerks, joint_accelerations=0 * jerks, samples=np.full(len(m), 50.0))
+    sd = np.full(jerks.shape, np.sqrt(50 * 0.25**6 / JERK_NOISE))
+    true, found, plain = (
+        beyond_weight(nominal, replace(m, joint_jerks=j, joint_angles_sd=s)).rate[:, :2]
+        for j, s in ((jerks, 0 * sd), (jerks + noise, sd), (jerks + noise, 0 * sd))
+    )
+    slope, too_short = ((one * true).sum() / (one**2).sum() for one in (found, plain))
+    assert slope == pytest.approx(1.0, abs=0.1)
+    assert too_short < 0.6
 
 
 def test_noise_lasts_beyond_a_stance_but_not_where_its_constant_is_unknown(robot, nominal):

@@ -21,7 +21,7 @@ ON_ROBOT, ON_GROUND = "of the ground on the robot", "of the robot on the ground"
 FORCES, MOMENTS = "forces first", "moments first"
 OUTSIDE = np.radians(10.0)  # of a joint's range, that a reading may be
 APART = np.radians(3.0)  # a range so nearly symmetric has no wrong end
-OF_ANGLES = ("joint_angles", "joint_rates", "joint_accelerations")
+OF_ANGLES = ("joint_angles", "joint_rates", "joint_accelerations", "joint_jerks")
 
 
 @dataclass(frozen=True)

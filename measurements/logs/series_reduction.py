@@ -204,6 +204,7 @@ def _rows(samples: Measurements, windows: list[_Window], window: float) -> Measu
         samples=np.array([one.weights.shape[1] for one in windows], float),
         joint_rates=each("joint_angles", rate),
         joint_accelerations=each("joint_angles", acceleration),
+        joint_jerks=each("joint_angles", jerk),
         cell_rates=each("cell_forces", rate),
         cell_accelerations=each("cell_forces", acceleration),
         wrench_rates=each("wrenches", rate),
