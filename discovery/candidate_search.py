@@ -300,7 +300,8 @@ class CandidateSearch:
     def shortest(self, adopted: JointFit) -> list[Fitted]:
         """List the few candidates that explain most in addition to the adopted terms, the best first.
 
-        Linear columns rank badly what a gross gap needs: then the best of other kinds are listed too.
+        Linear columns rank badly what a gross gap needs: then the best of other kinds are listed too, and the
+        best without a size, as exchanged cells, which is undone exactly whatever else is wrong.
         """
         key = tuple(candidate.label for candidate in self.candidates)
         if key not in adopted.ranked:
@@ -320,7 +321,8 @@ class CandidateSearch:
                 best.setdefault(one.candidate.effect.name, one)
         found = {one.candidate.effect.name for one in near}
         others = [one for kind, one in best.items() if kind not in found]
-        return near + [fit_in_addition(adopted, one) for one in others[: JUDGED - len(found)]]
+        exact = [one for one in others[JUDGED - len(found) :] if not one.candidate.effect.sizes]
+        return near + [fit_in_addition(adopted, one) for one in others[: JUDGED - len(found)] + exact[:1]]
 
 
 def key_of(terms: Sequence[Fitted | EffectInstance]) -> Key:

@@ -35,8 +35,8 @@ def with_unusual_members(
     that is too wide, and whose members the data hardly distinguish, the one with the most evidence is added.
     A member without which a family that was too wide is as usual is added even if an evidence that believes
     in wide families is against it, unless that is not decisive and another family becomes too wide in its
-    place; or else two members, see `_two_at_once`. The only member of a family is added regardless of the
-    evidence.
+    place; or else another effect or two members, see `_in_its_place`. The only member of a family is added
+    regardless of the evidence.
     """
     refused: set[str] = set()
     while len(terms) < MOST_TERMS and not search.budget.spent:
@@ -67,7 +67,7 @@ def with_unusual_members(
             least = plain.evidence + (-DECISIVE if found else DECISIVE)
             near = [one.evidence > least for one in good]
             good = [one for one, *why in zip(good, usual, near, strict=True) if any(why)]
-        good = good or ([] if found else _two_at_once(search, calibration, terms))
+        good = good or ([] if found else _in_its_place(search, calibration, terms))
         if not good:
             refused |= tried_in_vain
         else:
@@ -77,20 +77,28 @@ def with_unusual_members(
     return calibration, terms
 
 
-def _two_at_once(
+def _in_its_place(
     search: CandidateSearch, calibration: SelfCalibration, terms: tuple[Fitted, ...]
 ) -> list[Judged]:
-    """Judge pairs of members of one family: of two that are off neither stands out.
+    """Judge other effects, or else pairs of members of one family: of two that are off neither stands out.
 
-    The family that they make too wide need not be their own: two tares look like gains of all cells. A pair
-    has to leave it as usual and to be decisive where a family that wide is seldom.
+    The family that they make too wide need not be their own: two tares look like gains of all cells, and a
+    hoist like tares of all. They have to leave it as usual and to be decisive where a family that wide is
+    seldom.
     """
     search, name = replace(search, widest=WIDEST), _too_wide(calibration)[0]
     plain, kinds = search.tried(terms, calibration), [one.family.name for one in calibration.families]
-    pairs = search.pairs(calibration, terms, kinds, PAIRS) if len(terms) + 2 <= MOST_TERMS else []
     least = np.inf if plain is None else plain.evidence + 2 * DECISIVE
     others = set(_too_wide(calibration)) - {name}
-    return [one for one in pairs if one.evidence >= least and others.issuperset(_too_wide(one.calibration))]
+
+    def good(judged: list[Judged]) -> list[Judged]:
+        return [
+            one for one in judged if one.evidence >= least and others.issuperset(_too_wide(one.calibration))
+        ]
+
+    if single := good(search.judged_of(terms, search.best(calibration, terms), [], calibration)):
+        return single
+    return good(search.pairs(calibration, terms, kinds, PAIRS)) if len(terms) + 2 <= MOST_TERMS else []
 
 
 def too_wide(calibration: SelfCalibration) -> list[CalibratedFamily]:
