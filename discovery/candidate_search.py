@@ -301,7 +301,7 @@ class CandidateSearch:
         """List the few candidates that explain most in addition to the adopted terms, the best first.
 
         Linear columns rank badly what a gross gap needs: then the best of other kinds are listed too, and the
-        best without a size, as exchanged cells, which is undone exactly whatever else is wrong.
+        best without a size, as exchanged cells: it is undone exactly, regardless of what else is wrong.
         """
         key = tuple(candidate.label for candidate in self.candidates)
         if key not in adopted.ranked:

@@ -21,6 +21,7 @@ from tulip_testbed.base.budget import Budget
 from tulip_testbed.calibration.families import EXACT, TOLERANCES
 from tulip_testbed.calibration.linear_model import linear_model
 from tulip_testbed.calibration.self_calibration import self_calibrate
+from tulip_testbed.discovery import candidate_search
 from tulip_testbed.discovery.candidate_search import DECISIVE, CandidateSearch
 from tulip_testbed.discovery.candidates import Fitted, candidates, standing_out
 from tulip_testbed.discovery.discover import _crowded, _reasons, discover, stands_out
@@ -32,7 +33,7 @@ from tulip_testbed.discovery.pairs import ranked_pairs
 from tulip_testbed.discovery.patterns import patterns
 from tulip_testbed.discovery.selection import _chance, _without_idle, best_by_itself, judged_again
 from tulip_testbed.discovery.story import _crowd, story
-from tulip_testbed.discovery.unusual_members import WIDEST, _two_at_once, with_unusual_members
+from tulip_testbed.discovery.unusual_members import WIDEST, _in_its_place, with_unusual_members
 from tulip_testbed.effects.catalogue import catalogue
 from tulip_testbed.effects.injection import edited
 from tulip_testbed.effects.instance import EffectInstance, check_instances
@@ -351,10 +352,17 @@ class Evidences:
     known: dict[str, float]
     found: list[Any] = dataclasses.field(default_factory=list)
     widest: float = np.inf
+    single: tuple[Any, ...] = ()
 
     def tried(self, terms, start):
         evidence = self.known["".join(term.label for term in terms)]
         return SimpleNamespace(evidence=evidence, possible=True, steady=True)
+
+    def best(self, _, __):
+        return []
+
+    def judged_of(self, *_):
+        return [one for one in self.single if self.widest == WIDEST]
 
     def pairs(self, _, __, kinds, ___):
         return [one for one in self.found if one.kind in kinds and self.widest == WIDEST]
@@ -425,7 +433,32 @@ def test_a_pair_of_members_is_decisive_and_leaves_families_as_usual(kind, gain, 
     left = with_families(gain=spreads[0], tare=spreads[1])
     pair = SimpleNamespace(kind=kind, evidence=gain, calibration=left)
     search: Any = Evidences({"": 0.0}, [pair])
-    assert len(_two_at_once(search, cast(Any, with_families(gain=6.0, tare=1.0)), ())) == count
+    assert len(_in_its_place(search, cast(Any, with_families(gain=6.0, tare=1.0)), ())) == count
+
+
+@pytest.mark.parametrize(
+    ("gain", "spread", "name"), [(6.5, 1.0, "hoist"), (5.5, 1.0, "tare"), (6.5, 5.0, "tare")]
+)
+def test_another_effect_comes_before_pairs_in_the_place_of_a_wide_family(gain, spread, name):
+    """A hoist looks like tares of all cells."""
+    pair = SimpleNamespace(kind="tare", evidence=9.0, calibration=with_families(tare=1.0))
+    hoist = SimpleNamespace(kind="hoist", evidence=gain, calibration=with_families(tare=spread))
+    search: Any = Evidences({"": 0.0}, [pair], single=(hoist,))
+    found: list[Any] = list(_in_its_place(search, cast(Any, with_families(tare=6.0)), ()))
+    assert [one.kind for one in found] == [name]
+
+
+def test_what_is_undone_exactly_is_judged_however_many_explain_a_gross_gap(monkeypatch):
+    """Of cells exchanged at `wii`, three faults of a knee explained more of what had to be exact."""
+    near = [explains(f"knee-{k}", 1500.0) for k in range(3)]
+    gain, swapped = explains("gain", 900.0), explains("swapped", 600.0)
+    for one in (*near, gain, swapped):
+        cast(Any, one.candidate).effect = SimpleNamespace(name=one.label, sizes=(0,) * (one is not swapped))
+    monkeypatch.setattr(candidate_search, "shortlist", lambda adopted, order: near)
+    monkeypatch.setattr(candidate_search, "fit_in_addition", lambda adopted, one: one)
+    search = CandidateSearch(cast(Any, None), None, [])
+    monkeypatch.setattr(CandidateSearch, "ranked", lambda self, adopted: [*near, gain, swapped])
+    assert search.shortest(cast(Any, SimpleNamespace(ranked={}))) == [*near, swapped]
 
 
 @pytest.mark.parametrize(("gain", "added"), [(3.5, True), (2.5, False)])
@@ -438,7 +471,7 @@ def test_a_decisive_member_is_added_whatever_family_is_too_wide_then(monkeypatch
     module = "tulip_testbed.discovery.unusual_members"
     monkeypatch.setattr(f"{module}._unusual_members", lambda *_: [])
     monkeypatch.setattr(f"{module}._of_wide_families", lambda _, calibration: wide[id(calibration)])
-    monkeypatch.setattr(f"{module}._two_at_once", lambda *_: [])
+    monkeypatch.setattr(f"{module}._in_its_place", lambda *_: [])
     monkeypatch.setattr(f"{module}.at_estimate", lambda terms, _: terms)
     search: Any = SimpleNamespace(
         budget=SimpleNamespace(spent=False),
