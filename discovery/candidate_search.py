@@ -301,7 +301,7 @@ class CandidateSearch:
         """List the few candidates that explain most in addition to the adopted terms, the best first.
 
         Linear columns rank badly what a gross gap needs: then the best of other kinds are listed too, and the
-        best without a size, as exchanged cells: it is undone exactly, regardless of what else is wrong.
+        best that is undone exactly, regardless of what else is wrong, as exchanged cells.
         """
         key = tuple(candidate.label for candidate in self.candidates)
         if key not in adopted.ranked:
@@ -321,8 +321,10 @@ class CandidateSearch:
                 best.setdefault(one.candidate.effect.name, one)
         found = {one.candidate.effect.name for one in near}
         others = [one for kind, one in best.items() if kind not in found]
-        exact = [one for one in others[JUDGED - len(found) :] if not one.candidate.effect.sizes]
-        return near + [fit_in_addition(adopted, one) for one in others[: JUDGED - len(found)] + exact[:1]]
+        first, rest = others[: JUDGED - len(found)], others[JUDGED - len(found) :]
+        kinds = [(one, one.candidate.effect) for one in rest]
+        exact = [one for one, kind in kinds if not kind.sizes and kind.mechanism.unsure is None]
+        return near + [fit_in_addition(adopted, one) for one in first + exact[:1]]
 
 
 def key_of(terms: Sequence[Fitted | EffectInstance]) -> Key:

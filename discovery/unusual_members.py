@@ -92,9 +92,8 @@ def _in_its_place(
     others = set(_too_wide(calibration)) - {name}
 
     def good(judged: list[Judged]) -> list[Judged]:
-        return [
-            one for one in judged if one.evidence >= least and others.issuperset(_too_wide(one.calibration))
-        ]
+        sure = [one for one in judged if one.steady and one.evidence >= least]
+        return [one for one in sure if others.issuperset(_too_wide(one.calibration))]
 
     if single := good(search.judged_of(terms, search.best(calibration, terms), [], calibration)):
         return single

@@ -431,7 +431,7 @@ def with_families(**spreads):
 )
 def test_a_pair_of_members_is_decisive_and_leaves_families_as_usual(kind, gain, spreads, count):
     left = with_families(gain=spreads[0], tare=spreads[1])
-    pair = SimpleNamespace(kind=kind, evidence=gain, calibration=left)
+    pair = SimpleNamespace(kind=kind, evidence=gain, calibration=left, steady=True)
     search: Any = Evidences({"": 0.0}, [pair])
     assert len(_in_its_place(search, cast(Any, with_families(gain=6.0, tare=1.0)), ())) == count
 
@@ -441,8 +441,8 @@ def test_a_pair_of_members_is_decisive_and_leaves_families_as_usual(kind, gain, 
 )
 def test_another_effect_comes_before_pairs_in_the_place_of_a_wide_family(gain, spread, name):
     """A hoist looks like tares of all cells."""
-    pair = SimpleNamespace(kind="tare", evidence=9.0, calibration=with_families(tare=1.0))
-    hoist = SimpleNamespace(kind="hoist", evidence=gain, calibration=with_families(tare=spread))
+    pair = SimpleNamespace(kind="tare", evidence=9.0, calibration=with_families(tare=1.0), steady=True)
+    hoist = SimpleNamespace(kind="hoist", evidence=gain, calibration=with_families(tare=spread), steady=True)
     search: Any = Evidences({"": 0.0}, [pair], single=(hoist,))
     found: list[Any] = list(_in_its_place(search, cast(Any, with_families(tare=6.0)), ()))
     assert [one.kind for one in found] == [name]
@@ -451,13 +451,15 @@ def test_another_effect_comes_before_pairs_in_the_place_of_a_wide_family(gain, s
 def test_what_is_undone_exactly_is_judged_however_many_explain_a_gross_gap(monkeypatch):
     """Of cells exchanged at `wii`, three faults of a knee explained more of what had to be exact."""
     near = [explains(f"knee-{k}", 1500.0) for k in range(3)]
-    gain, swapped = explains("gain", 900.0), explains("swapped", 600.0)
-    for one in (*near, gain, swapped):
-        cast(Any, one.candidate).effect = SimpleNamespace(name=one.label, sizes=(0,) * (one is not swapped))
+    gain, logged, swapped = map(explains, ("gain", "logged", "swapped"), (900.0, 700.0, 600.0))
+    for one in (*near, gain, logged, swapped):
+        sizes, unsure = (0,) * (one not in (logged, swapped)), True if one is logged else None
+        mechanism = SimpleNamespace(unsure=unsure)
+        cast(Any, one.candidate).effect = SimpleNamespace(name=one.label, sizes=sizes, mechanism=mechanism)
     monkeypatch.setattr(candidate_search, "shortlist", lambda adopted, order: near)
     monkeypatch.setattr(candidate_search, "fit_in_addition", lambda adopted, one: one)
     search = CandidateSearch(cast(Any, None), None, [])
-    monkeypatch.setattr(CandidateSearch, "ranked", lambda self, adopted: [*near, gain, swapped])
+    monkeypatch.setattr(CandidateSearch, "ranked", lambda self, adopted: [*near, gain, logged, swapped])
     assert search.shortest(cast(Any, SimpleNamespace(ranked={}))) == [*near, swapped]
 
 
