@@ -15,7 +15,6 @@ from tulip_testbed.measurements import Measurements
 from tulip_testbed.measurements.data import base_foot
 from tulip_testbed.sim.robot import rotation_matrices
 
-# Gauss's rule for means over a row's window, whose weight is 15/16 (1 - u^2)^2: places u and weights.
 INERTIA_SD = 0.3  # relative, of the second moments of a link's density about its centre; assumed
 ROCKED = 0.01  # rad/s, rad/s2: steps of derivatives
 SYMMETRIC = np.array([[0, 1, 3], [1, 2, 4], [3, 4, 5]])  # elements xx, xy, yy, xz, yz, zz
@@ -25,6 +24,7 @@ JERK_NOISE = 1575.0
 LENGTH = 1.0  # m: a force counts as a shift of the centre of pressure by it over the weight
 MOST_DIRECTIONS, LEAST_SHIFT = 12, 1e-5  # of inertial parameters that the base parameters leave open; m
 CROSSES = np.cross(np.eye(3)[:, None], np.eye(3)).mT.reshape(3, 9)  # e_i x, side by side
+# Gauss's rule for means over a row's window, whose weight is 15/16 (1 - u^2)^2: places u and weights.
 QUADRATURE = ((-(3**-0.5), 3 / 14), (0.0, 4 / 7), (3**-0.5, 3 / 14))
 
 
