@@ -176,6 +176,20 @@ class Result(Documented, Shown):
         return self
 
 
+def flattened(value: Any, name: str = "") -> dict[str, Any]:
+    """Return the values of a JSON document by their path with dots."""
+    if isinstance(value, dict):
+        pairs = value.items()
+    elif isinstance(value, list) and any(isinstance(item, dict | list) for item in value):
+        pairs = enumerate(value)
+    else:
+        return {name: value}
+    found: dict[str, Any] = {}
+    for key, inner in pairs:
+        found |= flattened(inner, f"{name}.{key}" if name else str(key))
+    return found
+
+
 @cache
 def _adapter(kind: type[Documented]) -> TypeAdapter[Any]:
     return TypeAdapter(kind)

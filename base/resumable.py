@@ -8,9 +8,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from tulip_testbed.base.document import first_difference
 from tulip_testbed.base.errors import InputError, shortened
 from tulip_testbed.base.files import check_new, error_text, hidden_stem, new_folder, present
+from tulip_testbed.base.result import flattened
 from tulip_testbed.base.table_files import read_json, write_json
 
 NO_LOCKS = (errno.ENOSYS, errno.ENOLCK, errno.EOPNOTSUPP)  # of some network file systems
@@ -70,15 +70,15 @@ class ResumableFolder:
                 f"{self.folder}: exists already and holds no {self.kind} ({self.file}); give a new name"
             )
         there, here = (
-            {key: value for key, value in document.items() if key != FREE}
+            flattened({key: value for key, value in document.items() if key != FREE})
             for document in (read_json(self.folder / self.file), self.made_with)
         )
-        if (other := first_difference(there, here)) is not None:
-            name, old, new = other
-            raise InputError(
-                f"{self.folder}: holds {self.pieces} of another configuration: {name} is "
-                f"{shortened(repr(old))} there and {shortened(repr(new))} here; give a new name"
-            )
+        for name in {**here, **there}:
+            if (old := there.get(name)) != (new := here.get(name)):
+                raise InputError(
+                    f"{self.folder}: holds {self.pieces} of another configuration: {name} is "
+                    f"{shortened(repr(old))} there and {shortened(repr(new))} here; give a new name"
+                )
         return True
 
     @contextmanager

@@ -6,9 +6,8 @@ from typing import Any
 import numpy as np
 
 from tulip_testbed.base.column import Column, columns
-from tulip_testbed.base.document import flattened
 from tulip_testbed.base.errors import InputError
-from tulip_testbed.base.result import Result
+from tulip_testbed.base.result import Result, flattened
 from tulip_testbed.base.table import Cell, Table
 from tulip_testbed.experiments.discovery_result import Discovered
 from tulip_testbed.experiments.discovery_tables import CHANNEL_NAMES
@@ -73,7 +72,7 @@ def compare(first: RunResult, second: RunResult) -> Comparison:
     return Comparison(
         runs=(_name(first), _name(second)),
         verdict=(first.verdict, second.verdict),
-        settings=differences(first.document.plain(), second.document.plain()),
+        settings=differences(first.document.to_json(), second.document.to_json()),
         checks=[
             {"name": name}
             | {key: [of.get(name, {}).get(key) for of in judged] for key in ("result", "value")}

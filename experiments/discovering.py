@@ -14,7 +14,7 @@ from tulip_testbed.discovery.experiment_information import Explanation
 from tulip_testbed.discovery.story import story
 from tulip_testbed.effects.lasting import everywhere
 from tulip_testbed.effects.motion_effects import MOTION_EFFECTS
-from tulip_testbed.experiments.discovery_result import PARTS, Discovered, DiscoveryConfiguration
+from tulip_testbed.experiments.discovery_result import PARTS, Discovered
 from tulip_testbed.experiments.identify import identify
 from tulip_testbed.experiments.proposed_experiment import propose_experiments
 from tulip_testbed.experiments.rig_folder import rig_files
@@ -67,7 +67,7 @@ def discover_effects(
     if check and any(not one.effect.misreads for one in simulated):
         with progress("the adopted model in full dynamics", 80, 0) as advance:
             checked = check_in_dynamics(discovery, simulated, workers, advance)
-    inputs = DiscoveryConfiguration(measurements=source, robot=robot.path.name, seed=seed, no_check=not check)
+    inputs = {"measurements": source, "robot": robot.path.name, "seed": seed, "no_check": not check}
     explanations, observed = discovery.explanations, discovery.observed.measurements
     try:
         proposals = propose_experiments(observed, robot, discovery.verdict, explanations)

@@ -9,7 +9,6 @@ from typing import Annotated, Any, Self
 import numpy as np
 from pydantic import Field, computed_field
 
-from tulip_testbed.base.document import Document, Seed
 from tulip_testbed.base.errors import InputError
 from tulip_testbed.base.files import is_folder, read_bytes, read_text, write_text
 from tulip_testbed.base.result import RESULT_FILE, Figure, InMemory, Kept, Place
@@ -31,7 +30,7 @@ from tulip_testbed.experiments.family_tables import family_table
 from tulip_testbed.experiments.identification_result import EXPERIMENTS, Identification
 from tulip_testbed.experiments.proposed_experiment import Proposals, propose_experiments
 from tulip_testbed.experiments.rig_folder import RIG
-from tulip_testbed.experiments.run_file import ROBOT, RUN_FILE, RunFile, SavedRun, write_run_file
+from tulip_testbed.experiments.run_file import MADE, ROBOT, RunFile, SavedRun
 from tulip_testbed.identification.residual_noise import Noise
 from tulip_testbed.measurements import Measurements, PosturePlan
 from tulip_testbed.sim.robot import Robot
@@ -64,15 +63,6 @@ INCOMPLETE = (
 )
 
 
-class DiscoveryConfiguration(Document):
-    """The inputs of a discovery; measurements: their folder."""
-
-    measurements: str
-    robot: str
-    seed: Seed | None = None
-    no_check: bool | None = None
-
-
 def _write_residuals(path: Path, columns: Columns) -> None:
     with path.open("w", newline="", encoding="utf-8") as file:
         writer = csv.writer(file)
@@ -93,9 +83,6 @@ def _write_rig(folder: Path, files: dict[str, str]) -> None:
 
 def _read_rig(folder: Path, robot: Robot) -> dict[str, str]:
     return {path.name: read_text(path) for path in sorted(folder.iterdir())} if is_folder(folder) else {}
-
-
-MADE = Kept(RUN_FILE, write_run_file, lambda path, robot: RunFile[DiscoveryConfiguration].read(path))
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -154,7 +141,7 @@ class Discovered(SavedRun):
     measurements: Annotated[Measurements, EXPERIMENTS]
     residuals: Annotated[Columns, Kept(RESIDUAL_FILE, _write_residuals, _read_residuals)]
     rig_files: Annotated[dict[str, str], Kept(RIG, _write_rig, _read_rig)]
-    document: Annotated[RunFile[DiscoveryConfiguration], MADE]
+    document: Annotated[RunFile, MADE]
     folder: Place = None
     discovery: InMemory[Discovery | None] = None
 

@@ -3,16 +3,14 @@
 import dataclasses
 import shutil
 from collections.abc import Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, ClassVar, Generic, Literal, Self, TypeVar
+from typing import Any, ClassVar, Literal, Self
 
-from pydantic import Field
-
-from tulip_testbed.base.document import Document, Seed
 from tulip_testbed.base.errors import InputError, listed, shortened
 from tulip_testbed.base.files import is_folder, present, sha256
 from tulip_testbed.base.machine import machine
-from tulip_testbed.base.result import RESULT_FILE, Kept, Result
+from tulip_testbed.base.result import RESULT_FILE, Documented, Kept, Result
 from tulip_testbed.base.table_files import finite, software
 from tulip_testbed.experiments.laboratory import Laboratory
 from tulip_testbed.measurements import PosturePlan
@@ -47,39 +45,35 @@ def robot_of(folder: Path) -> Path:
         return TULIP
 
 
-class Head(Document):
-    """Return the first entries of every run.json."""
+@dataclass(frozen=True, kw_only=True)
+class Head(Documented):
+    """The first entries of every run.json."""
 
     format: str
     version: int
     command: str = ""
 
 
-class Configuration(Document):
-    """Everything that was set in a laboratory; the keys that are not declared are shown, not used."""
+@dataclass(frozen=True, kw_only=True)
+class RunFile(Head):
+    """run.json of a folder whose files are listed with their hashes; a run in memory has no outputs.
 
-    preset: str
-    seed: Seed
-    robot: str
+    Attributes:
+        configuration: everything that was set. software: versions.
+        machine: processor and kernel of linear algebra; older runs do not tell.
+        inputs, outputs: hashes of the files that were read and written.
+    """
 
-
-Made = TypeVar("Made", bound=Document)
-Machine = dict[str, str]  # processor and kernel of linear algebra; older runs do not tell
-
-
-class RunFile(Head, Generic[Made]):
-    """run.json of a folder whose files are listed with their hashes; a run in memory has no outputs."""
-
-    configuration: Made
+    configuration: dict[str, Any]
     software: dict[str, str]
-    machine: Machine = Field(default_factory=dict)
+    machine: dict[str, str] = field(default_factory=dict)
     inputs: dict[str, str]
-    outputs: dict[str, str] = Field(default_factory=dict)
+    outputs: dict[str, str] = field(default_factory=dict)
 
 
 def configuration_of(
     laboratory: Laboratory, plan: PosturePlan, seed: int, engine: str, imperfections: float = 0.0
-) -> Configuration:
+) -> dict[str, Any]:
     """List everything that was set, for run folders and truth files.
 
     Args:
@@ -104,12 +98,12 @@ def configuration_of(
         content["imperfections"] = float(imperfections)
     if laboratory.random_robot is not None:
         content["random_robot"] = dict(zip(("spread", "seed"), laboratory.random_robot, strict=True))
-    return Configuration.model_validate(finite(content))  # with lists for tuples, as it will be read again
+    return finite(content)  # with lists for tuples, as it will be read again
 
 
-def made_by(command: str, configuration: Made, robot: Robot) -> RunFile[Made]:
+def made_by(command: str, configuration: dict[str, Any], robot: Robot) -> RunFile:
     """Describe how a run was made here and now."""
-    return RunFile[Made](
+    return RunFile(
         format="tulip-run",
         version=VERSION,
         command=command,
@@ -120,11 +114,14 @@ def made_by(command: str, configuration: Made, robot: Robot) -> RunFile[Made]:
     )
 
 
-def write_run_file(path: Path, made: RunFile[Made]) -> None:
+def write_run_file(path: Path, made: RunFile) -> None:
     """Write run.json with the hashes of all other files of its folder."""
     files = sorted(file for file in path.parent.rglob("*") if file.is_file())
     outputs = {str(file.relative_to(path.parent)): sha256(file) for file in files}
-    made.model_copy(update={"outputs": outputs}).write(path)
+    dataclasses.replace(made, outputs=outputs).write(path)
+
+
+MADE = Kept(RUN_FILE, write_run_file, lambda path, robot: RunFile.read(path))
 
 
 class SavedRun(Result):
@@ -146,7 +143,7 @@ class SavedRun(Result):
         folder = Path(folder)
         if (kind := run_kind(folder)) != cls.kind:
             raise InputError(f"{folder}: found the run folder of a {kind}, expected that of a {cls.kind}")
-        made = RunFile[Document].read(folder / RUN_FILE)
+        made = RunFile.read(folder / RUN_FILE)
         check_robot(folder, made.inputs, *context)
         if RESULT_FILE not in made.outputs:
             raise InputError(f"{folder / RUN_FILE}: key 'outputs': found no {RESULT_FILE}")

@@ -18,7 +18,7 @@ from tulip_testbed.effects.instance import EffectInstance
 from tulip_testbed.effects.random_effects import RANDOM, read_effects
 from tulip_testbed.effects.true_robot import true_model
 from tulip_testbed.experiments.laboratory import Laboratory, Run
-from tulip_testbed.experiments.run_file import Configuration, configuration_of
+from tulip_testbed.experiments.run_file import configuration_of
 from tulip_testbed.identification.base_parameters import base_parameters, common_support
 from tulip_testbed.measurements import Measurements, PosturePlan, write_measurements, write_motion
 from tulip_testbed.sim.outcome import Truth
@@ -37,7 +37,7 @@ class SimulatedTruth(Truth, Documented):
 
     format: Literal["tulip-truth"] = "tulip-truth"
     version: Literal[2] = 2
-    configuration: Configuration
+    configuration: dict[str, Any]
     effects: tuple[EffectInstance, ...]
     links: tuple[str, ...]
     base_parameters: dict[str, float]

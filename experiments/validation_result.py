@@ -23,14 +23,12 @@ from tulip_testbed.experiments.parameter_tables import (
     read_reported,
 )
 from tulip_testbed.experiments.run_file import (
+    MADE,
     MEASUREMENT_FOLDER,
     PLAN_FOLDER,
     ROBOT,
-    RUN_FILE,
-    Configuration,
     RunFile,
     SavedRun,
-    write_run_file,
 )
 from tulip_testbed.experiments.simulate import DroppedPosture, SimulatedTruth, usable_postures
 from tulip_testbed.measurements import Measurements, PosturePlan, read_measurements, write_measurements
@@ -39,7 +37,6 @@ from tulip_testbed.sim.robot import Robot
 
 TRUTH_FILE = "truth.json"
 MEASURED = Kept(MEASUREMENT_FOLDER, write_measurements, lambda folder, robot: read_measurements(folder))
-MADE = Kept(RUN_FILE, write_run_file, lambda path, robot: RunFile[Configuration].read(path))
 TRUTH = Kept(TRUTH_FILE, lambda path, truth: truth.write(path), lambda path, robot: SimulatedTruth.read(path))
 
 
@@ -76,7 +73,7 @@ class Validation(SavedRun):
     plan: Annotated[PosturePlan, Kept(PLAN_FOLDER, write_plan, read_plan)]
     measurements: Annotated[Measurements, MEASURED]
     simulation: Annotated[SimulatedTruth, TRUTH]
-    document: Annotated[RunFile[Configuration], MADE]
+    document: Annotated[RunFile, MADE]
     folder: Place = None
 
     def placed_in(self, folder: Path) -> Self:

@@ -3,12 +3,14 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 
 from tulip_testbed.base.table_files import Columns
 from tulip_testbed.experiments.montecarlo.laboratory_runs import stream_of
-from tulip_testbed.experiments.montecarlo.montecarlo_result import MonteCarlo, MonteCarloFile, Settings
+from tulip_testbed.experiments.montecarlo.montecarlo_result import MonteCarlo, Settings
 from tulip_testbed.experiments.montecarlo.montecarlo_run import collect
 from tulip_testbed.experiments.montecarlo.run_columns import Layout, RunChunks, numbers_of, read_runs
 from tulip_testbed.identification.estimators import Estimate
@@ -80,7 +82,7 @@ def run_regressions(folder: Path, runs: int, size: int, work: Regressions, worke
 def result_of(chunks: RunChunks) -> MonteCarlo:
     """Judge the runs of a folder of chunks; there are neither laboratory nor plan."""
     settings = Settings(chunks.runs, 1, "stand-in", None, imperfections=0)
-    document = MonteCarloFile.model_construct(settings=settings)
+    document: Any = SimpleNamespace(settings=settings)
     return MonteCarlo.of(read_runs(chunks, LAYOUT), LAYOUT, document, plan=None, robot=None)
 
 

@@ -65,7 +65,7 @@ def same(first: RunResult, second: RunResult) -> bool:
     tables = [
         [str(part) for part in result.tables() if "Run folder" not in str(part)] for result in (first, second)
     ]
-    made = [result.document.plain() | {"outputs": {}} for result in (first, second)]
+    made = [result.document.to_json() | {"outputs": {}} for result in (first, second)]
     return documents[0] == documents[1] and tables[0] == tables[1] and made[0] == made[1]
 
 

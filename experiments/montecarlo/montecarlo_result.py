@@ -1,14 +1,13 @@
 """The result of a Monte Carlo: its figures are a JSON document, and its folder holds the runs behind them."""
 
 from collections import Counter
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated, Any, ClassVar, Literal, Self
 
 import numpy as np
 from pydantic import Field
 
-from tulip_testbed.base.document import Seed
 from tulip_testbed.base.errors import InputError, at_least, at_most, look_up, shortened
 from tulip_testbed.base.machine import machine
 from tulip_testbed.base.numbers import number
@@ -37,9 +36,7 @@ from tulip_testbed.experiments.run_file import (
     ROBOT,
     RUN_FILE,
     VERSION,
-    Configuration,
     Head,
-    Machine,
     check_robot,
     configuration_of,
 )
@@ -66,7 +63,7 @@ class Settings:
     """
 
     runs: Annotated[int, Field(ge=1, le=MOST_RUNS)]
-    seed: Seed
+    seed: Annotated[int, Field(ge=0)]
     estimator: str
     robot_spread: Annotated[float, Field(gt=0, le=1)] | None
     engine: Annotated[str, Field(pattern="^(statics|dynamics)$")] = "statics"
@@ -87,14 +84,15 @@ class Settings:
             check_spread(self.robot_spread)
 
 
+@dataclass(frozen=True, kw_only=True)
 class MonteCarloFile(Head):
     """run.json of a Monte Carlo: everything that its runs depend on."""
 
     settings: Settings
-    configuration: Configuration
+    configuration: dict[str, Any]
     inputs: dict[str, str]
     software: dict[str, str]
-    machine: Machine = Field(default_factory=dict)
+    machine: dict[str, str] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)

@@ -110,7 +110,7 @@ def montecarlo(
 
 
 def run_folder(folder: Path, document: MonteCarloFile) -> ResumableFolder:
-    return ResumableFolder(folder, RUN_FILE, document.plain(), "Monte Carlo", "runs")
+    return ResumableFolder(folder, RUN_FILE, document.to_json(), "Monte Carlo", "runs")
 
 
 def raise_runs(folder: Path, document: MonteCarloFile) -> None:
@@ -125,7 +125,7 @@ def raise_runs(folder: Path, document: MonteCarloFile) -> None:
         there = MonteCarloFile.read(folder / RUN_FILE)
         settings = there.settings
         before = dataclasses.replace(document.settings, runs=settings.runs)
-        run_folder(folder, document.model_copy(update={"settings": before})).begun()
+        run_folder(folder, dataclasses.replace(document, settings=before)).begun()
     except InputError:  # `ResumableFolder.begun` says what it is
         return
     if settings.runs >= document.settings.runs:
@@ -134,4 +134,4 @@ def raise_runs(folder: Path, document: MonteCarloFile) -> None:
         if left := settings.runs % settings.chunk:
             chunks = RunChunks(folder / CHUNK_FOLDER, settings.runs, settings.chunk)
             chunks.path((settings.runs - left) // settings.chunk).unlink(missing_ok=True)
-        there.model_copy(update={"settings": document.settings}).write(folder / RUN_FILE)
+        dataclasses.replace(there, settings=document.settings).write(folder / RUN_FILE)

@@ -97,7 +97,7 @@ def discovery_page(discovery: Discovered) -> Page:
     sections.append(how_it_was_made(discovery.document))
     measured = discovery.measurements
     facts = (
-        ("measurements", discovery.document.configuration.measurements),
+        ("measurements", str(discovery.document.configuration.get("measurements"))),
         ("postures", str(len(np.unique(measured.posture)))),
         ("readings", str(len(measured))),
         ("placements", str(len(np.unique(measured.placement)))),

@@ -8,8 +8,9 @@ import jinja2
 from markupsafe import Markup
 
 from tulip_testbed.base.column import Column, printable
-from tulip_testbed.base.document import Document, flattened
+from tulip_testbed.base.result import flattened
 from tulip_testbed.base.table import Table
+from tulip_testbed.experiments.run_file import Head
 from tulip_testbed.experiments.saved_runs import RunResult
 from tulip_testbed.pages.figures import Figure, plotly_script
 from tulip_testbed.pages.pictures import Picture
@@ -84,10 +85,10 @@ def title_of(run: RunResult) -> str:
     return f"{run.robot.name}: {run.kind}{name}"
 
 
-def how_it_was_made(document: Document) -> Section:
+def how_it_was_made(document: Head) -> Section:
     """Return the folded section of a run's settings, the values of its run.json."""
     parts: dict[str, list[list[Any]]] = {RUN: []}
-    for name, value in flattened(document.plain()).items():
+    for name, value in flattened(document.to_json()).items():
         part, _, rest = name.partition(".")
         title, shown = (part.capitalize(), rest) if rest else (RUN, name)
         parts.setdefault(title, []).append([shown, value])

@@ -111,8 +111,8 @@ def validation_page(run: Validation) -> Page:
     )
     mass, error = own.mass
     facts = (
-        ("sensors", run.document.configuration.preset),
-        ("seed", str(run.document.configuration.seed)),
+        ("sensors", str(run.document.configuration.get("preset"))),
+        ("seed", str(run.document.configuration.get("seed"))),
         ("estimator", own.estimator),
         *imperfections_fact(run.imperfections),
         ("postures used", f"{run.postures_used} of {run.postures_planned}"),
@@ -156,7 +156,7 @@ def montecarlo_page(run: MonteCarlo) -> Page:
         how_it_was_made(run.document),
     )
     facts = (
-        ("sensors", run.document.configuration.preset),
+        ("sensors", str(run.document.configuration.get("preset"))),
         ("seed", str(run.document.settings.seed)),
         ("estimator", run.estimator),
         *imperfections_fact(run.imperfections),
