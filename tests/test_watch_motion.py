@@ -16,8 +16,8 @@ from tulip_testbed.experiments.watching import watch_day
 from tulip_testbed.experiments.watching.alarm import CHANGED, ODD, OK
 from tulip_testbed.experiments.watching.arriving_rows import ArrivingSamples
 from tulip_testbed.experiments.watching.day_model import DayModel, day_model
-from tulip_testbed.experiments.watching.noise_of_day import FIRST, TRIED, likelihood, with_noise_in_time
 from tulip_testbed.experiments.watching.row_columns import row_columns
+from tulip_testbed.experiments.watching.watch_day import FIRST, TRIED, likelihood, with_noise_in_time
 from tulip_testbed.experiments.watching.watch_row import _columns
 from tulip_testbed.experiments.watching.watch_state import Belief, DesignInformation, first_state
 from tulip_testbed.identification.noise_in_time import NoiseInTime

@@ -4,8 +4,9 @@ import math
 import time
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import nullcontext
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from hashlib import sha256
+from itertools import product
 from pathlib import Path
 from typing import Any
 
@@ -30,9 +31,10 @@ from tulip_testbed.experiments.watching.arriving_rows import (
     Seen,
 )
 from tulip_testbed.experiments.watching.day_model import DayModel, day_model
-from tulip_testbed.experiments.watching.noise_of_day import FIRST, with_noise_in_time
-from tulip_testbed.experiments.watching.watch_row import Verdict, watch_row
-from tulip_testbed.experiments.watching.watch_state import first_state
+from tulip_testbed.experiments.watching.row_columns import RowColumns, row_columns
+from tulip_testbed.experiments.watching.watch_row import Verdict, rocking, spreads_of, watch_row
+from tulip_testbed.experiments.watching.watch_state import begin_row, first_state
+from tulip_testbed.identification.noise_in_time import WHITE, NoiseInTime
 from tulip_testbed.identification.nominal import nominal_robot
 from tulip_testbed.identification.regressor import check_robot
 from tulip_testbed.measurements import Measurements, PosturePlan
@@ -44,6 +46,9 @@ from tulip_testbed.sim.robot import Robot
 
 POLL = 0.25  # s, between two looks at a file
 EVERY = "all"
+FIRST = 120  # rows of a motion, which show how long its noise lasts before any of them is judged
+SHARES, SECONDS = (0.5, 0.8, 0.9, 0.95, 0.98), (0.5, 1.0, 1.4, 2.0, 2.8, 4.0, 8.0)
+TRIED = (WHITE, *(NoiseInTime(*each) for each in product(SHARES, SECONDS)))
 
 
 @dataclass(frozen=True, eq=False)
@@ -239,3 +244,28 @@ def _targets_of(names: Sequence[str], given: Mapping[str, float]) -> dict[str, f
         if not 0 < value < np.inf:
             raise InputError(f"targets: {name}: found {value:g}, expected a standard error above 0 [m]")
     return {name: given.get(name, given.get(EVERY, math.inf)) for name in names}
+
+
+def with_noise_in_time(model: DayModel, rows: Measurements) -> DayModel:
+    """Return the model of a moving day with the most likely correlation of the noise of its first rows.
+
+    Args:
+        rows: the first `FIRST` ones, so that the model does not depend on how many have arrived.
+    """
+    one_by_one = [rows.take(np.array([k])) for k in range(len(rows))]
+    spreads = np.array([spreads_of(row) for row in one_by_one])
+    rocks = np.array([rocking(row, spreads) for row in one_by_one])  # their twists are no noise
+    columns = row_columns(model, rows).without_twist(rocks)
+    return max((model.with_noise(one) for one in TRIED), key=lambda each: likelihood(each, rows, columns))
+
+
+def likelihood(model: DayModel, rows: Measurements, columns: RowColumns) -> float:
+    """Return ln of the likelihood of rows, but for a constant."""
+    state, out = first_state(model), 0.0
+    for k in range(len(rows)):
+        state = begin_row(model, state, rows.take(np.array([k])), k)
+        innovation = state.belief.predict(model, columns.row(k))
+        _, volume = np.linalg.slogdet(innovation.covariance)
+        out -= (innovation.chi_square + volume) / 2
+        state = replace(state, belief=state.belief.updated(innovation))
+    return out
