@@ -5,7 +5,6 @@ from collections.abc import Mapping
 from tulip_testbed.base.budget import Budget
 from tulip_testbed.base.errors import InputError, at_least
 from tulip_testbed.base.progress import Progress, silent
-from tulip_testbed.calibration.families import check_tolerances
 from tulip_testbed.calibration.prediction import left_by
 from tulip_testbed.discovery.candidate_search import first_calibration
 from tulip_testbed.discovery.discover import discover
@@ -19,8 +18,6 @@ from tulip_testbed.experiments.identify import identify
 from tulip_testbed.experiments.proposed_experiment import propose_experiments
 from tulip_testbed.experiments.rig_folder import rig_files
 from tulip_testbed.experiments.run_file import made_by
-from tulip_testbed.identification.nominal import nominal_robot
-from tulip_testbed.identification.regressor import check_robot
 from tulip_testbed.identification.residual_channels import residuals
 from tulip_testbed.measurements import Measurements, as_joined
 from tulip_testbed.sim.robot import Robot
@@ -44,9 +41,6 @@ def discover_effects(
     """Find and adopt what the nominal model lacks, and identify the robot; see `tulip_testbed.discover`."""
     at_least("seed", seed, 0)
     measurements = as_joined(measurements)
-    nominal = nominal_robot(robot)
-    check_robot(nominal.parameters, measurements, robot, source)
-    check_tolerances(tolerances or {})
     # Says what does not fit, before the work.
     before = identify(measurements, robot, source, tolerances=tolerances, calibrate=first_calibration)
     with progress(f"looking for what is missing, in at most {Budget(len(measurements))}", None, 0) as advance:

@@ -1,6 +1,5 @@
 """The result of a discovery: verdict, effects, evidence, the robot identified before and after."""
 
-import csv
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -64,10 +63,9 @@ INCOMPLETE = (
 
 
 def _write_residuals(path: Path, columns: Columns) -> None:
-    with path.open("w", newline="", encoding="utf-8") as file:
-        writer = csv.writer(file)
-        writer.writerow(columns)
-        writer.writerows(zip(*(values.tolist() for values in columns.values()), strict=True))
+    import pandas as pd
+
+    pd.DataFrame(columns).to_csv(path, index=False)
 
 
 def _read_residuals(path: Path, robot: Robot) -> Columns:

@@ -36,7 +36,7 @@ from tulip_testbed.experiments.parameter_tables import (
     usable_line,
     weak_directions,
 )
-from tulip_testbed.experiments.run_file import MEASUREMENT_FOLDER, check_parameters
+from tulip_testbed.experiments.run_file import MEASUREMENT_FOLDER
 from tulip_testbed.identification.base_parameters import (
     BaseParameters,
     base_parameters,
@@ -136,21 +136,22 @@ class Identification(Result, Mapping[str, IdentifiedParameter]):
         }
         for model, numbers in kept.items():
             estimate, count = getattr(self, model), len(numbers)
-            shapes = dict.fromkeys(("numbers", "value", "interval_dof"), (count,))
+            shapes = dict.fromkeys(("numbers", "names", "value", "interval_dof"), (count,))
             shapes |= dict.fromkeys(("covariance", "clustered_covariance"), (count, count))
             for name, shape in (shapes | {"residual": (2 * len(measurements),)}).items():
-                if (size := getattr(estimate, name).shape) != shape:
+                if (size := np.shape(getattr(estimate, name))) != shape:
                     raise InputError(
                         f"{where}: key '{key}{model}.{name}': found numbers of shape {size}, expected {shape}"
                     )
                 if len(shape) == 2 and (least := getattr(estimate, name).diagonal().min()) < 0:
                     raise InputError(f"{where}: key '{key}{model}.{name}': found a variance of {least:g}")
-            check_parameters(
-                where,
-                f"{key}{model}",
-                list(zip(estimate.numbers.tolist(), estimate.names, strict=False)),
-                [(number, parameters.names[number - 1]) for number in numbers],
-            )
+            found = zip(estimate.numbers.tolist(), estimate.names, strict=True)
+            for row, (one, number) in enumerate(zip(found, numbers, strict=True)):
+                if one != (number, parameters.names[number - 1]):
+                    raise InputError(
+                        f"{where}: key '{key}{model}.{row}': found parameter {one[0]}, {shortened(one[1])}, "
+                        f"expected {number}, {parameters.names[number - 1]}"
+                    )
         return replace(self, robot=robot, measurements=measurements, parameters=parameters)
 
     def __getitem__(self, name: str | int) -> IdentifiedParameter:

@@ -10,7 +10,6 @@ from pydantic import Field, computed_field
 from tulip_testbed.base.column import columns
 from tulip_testbed.base.errors import InputError
 from tulip_testbed.base.files import present
-from tulip_testbed.base.numbers import number
 from tulip_testbed.base.result import Documented, Outside, Result
 from tulip_testbed.base.table import Table
 from tulip_testbed.base.table_files import json_text
@@ -79,7 +78,7 @@ class Proposals(Result):
     def tables(self) -> list[Table | str]:
         if not self.experiments:
             return [f"Verdict: {self.verdict}. There is nothing to settle between explanations."]
-        out: list[Table | str] = [self.table(), self.predictions()]
+        out: list[Table | str] = [self.table(), prediction_table(self.best)]
         if not self.session:
             out.append(
                 "The measurements state no session: tares, tilt of the floor and survey of the plates count "
@@ -102,12 +101,13 @@ class Proposals(Result):
     def table(self) -> Table:
         return experiment_table(self.experiments)
 
-    def predictions(self) -> Table:
-        rows = [astuple(one) for one in self.best.predictions]
-        center = ((f"CoP {axis}", "mm", "+.2f") for axis in "xy")
-        forces = ((name, "N", "+.2f") for name in ("sum", "twist right", "twist left"))
-        heads = columns("if it is", *center, *forces)
-        return Table("Mean residuals that each explanation predicts for the best", heads, rows)
+
+def prediction_table(experiment: NextExperiment) -> Table:
+    rows = [astuple(one) for one in experiment.predictions]
+    center = ((f"CoP {axis}", "mm", "+.2f") for axis in "xy")
+    forces = ((name, "N", "+.2f") for name in ("sum", "twist right", "twist left"))
+    heads = columns("if it is", *center, *forces)
+    return Table("Mean residuals that each explanation predicts for the best", heads, rows)
 
 
 def experiment_table(experiments: Sequence[NextExperiment]) -> Table:
@@ -158,11 +158,8 @@ def steps(document: ExperimentFile) -> str:
         *(f"{k}. {text}" for k, text in enumerate(todo, 1)),
         *("", f"Assumed time: {document.minutes:.0f} min.", ""),
         *("Mean residuals that each explanation predicts:", ""),
-        *("| if it is | CoP x [mm] | CoP y [mm] | sum of cells [N] |", "|---|---|---|---|"),
+        prediction_table(document).markdown(),
     ]
-    for one in document.predictions:
-        cells = (number(value, "+.2f") for value in (one.cop_x_mm, one.cop_y_mm, one.force_N))
-        lines.append(f"| {one.explanation} | {' | '.join(cells)} |")
     return "\n".join(lines) + "\n"
 
 

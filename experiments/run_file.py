@@ -2,7 +2,6 @@
 
 import dataclasses
 import shutil
-from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, ClassVar, Literal, Self
@@ -173,20 +172,6 @@ def check_robot(folder: Path, inputs: dict[str, str], robot: Robot) -> None:
             f"{folder / RUN_FILE}: key 'inputs': found no {name} with the hash of {robot.model_file}; "
             "give the robot that the run was made with"
         )
-
-
-def check_parameters(
-    where: str, key: str, found: Sequence[tuple[int, str]], expected: Sequence[tuple[int, str]]
-) -> None:
-    """Refuse rows of other parameters, by number and name, than the robot's."""
-    if len(found) != len(expected):
-        raise InputError(f"{where}: key '{key}': found {len(found)} rows, expected {len(expected)}")
-    for row, (a, b) in enumerate(zip(found, expected, strict=True)):
-        if a != b:
-            raise InputError(
-                f"{where}: key '{key}.{row}': found parameter {a[0]}, {shortened(a[1])}, "
-                f"expected {b[0]}, {b[1]}"
-            )
 
 
 def kind_of(folder: Path) -> RunKind | Literal["plan", "measurement"]:
