@@ -72,9 +72,3 @@ class Column:
         if math.isinf(low):
             return f"at most {last}"
         return f"at least {first}" if math.isinf(high) else f"{first} to {last}"
-
-
-def columns(*given: str | tuple[Any, ...] | Column) -> tuple[Column, ...]:
-    """Return columns: of text by their names, others by the arguments of `Column`."""
-    made = (Column(one) if isinstance(one, str) else one for one in given)
-    return tuple(one if isinstance(one, Column) else Column(*one) for one in made)

@@ -121,18 +121,26 @@ class Table:
     """Rows of values under headings.
 
     Attributes:
+        heads: of the columns: a name of a column of text, the arguments of `Column`, or a `Column` itself.
         rows: values or `Cell`s, one per column.
         note: what a reader needs below it.
     """
 
     title: str
-    columns: tuple[Column, ...]
+    heads: Sequence[str | tuple[Any, ...] | Column]
     rows: Sequence[Sequence[Any]]
     note: str = ""
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "title", printable(self.title))
         object.__setattr__(self, "note", printable(self.note))
+
+    @cached_property
+    def columns(self) -> tuple[Column, ...]:
+        return tuple(
+            Column(one) if isinstance(one, str) else one if isinstance(one, Column) else Column(*one)
+            for one in self.heads
+        )
 
     @cached_property
     def cells(self) -> list[list[Cell]]:

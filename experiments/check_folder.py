@@ -10,7 +10,6 @@ from typing import Any
 
 import numpy as np
 
-from tulip_testbed.base.column import columns
 from tulip_testbed.base.errors import MOST_LISTED, FaultyError, InputError, listed, shortened, warn
 from tulip_testbed.base.result import Result
 from tulip_testbed.base.table import Cell, Table, Verbatim
@@ -71,10 +70,10 @@ class Preflight(Result):
         evaluated = [check for check in self.checks if check.result != NOT_EVALUATED]
         both = [(check, Cell(check.result, check.result)) for check in evaluated]
         rows = [[check.name, result, check.seen, check.expected] for check, result in both]
-        parts: list[Table | str] = [Table("Preflight", columns("check", "result", "found", "expected"), rows)]
+        parts: list[Table | str] = [Table("Preflight", ("check", "result", "found", "expected"), rows)]
         faulty = ("warn", "fail")
         if rows := [[c.name, result, c.where, c.advice] for c, result in both if c.result in faulty]:
-            parts.append(Table("Advice", columns("check", "result", "where", "what to do"), rows))
+            parts.append(Table("Advice", ("check", "result", "where", "what to do"), rows))
         skipped: dict[str, list[str]] = {}
         for check in self.checks:
             if check.result == NOT_EVALUATED:

@@ -8,7 +8,6 @@ from typing import Literal
 
 import numpy as np
 
-from tulip_testbed.base.column import columns
 from tulip_testbed.base.numbers import number
 from tulip_testbed.base.result import Figure
 from tulip_testbed.base.table import Cell, Table
@@ -83,7 +82,7 @@ def check_table(checks: Sequence[Check]) -> Table:
         limit = check.threshold
         bound = (-math.inf, limit) if isinstance(limit, int | float) else limit
         rows.append([check.name, Cell(check.result, check.result), check.value, bound, check.source])
-    heads = columns("check", "result", *numbers, "where the threshold comes from")
+    heads = ("check", "result", *numbers, "where the threshold comes from")
     return Table("Checks", heads, rows)
 
 

@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from tulip_testbed.base.column import Column, columns
+from tulip_testbed.base.column import Column
 from tulip_testbed.base.errors import InputError
 from tulip_testbed.base.result import Result, flattened
 from tulip_testbed.base.table import Cell, Table
@@ -49,18 +49,17 @@ class Comparison(Result):
         runs = zip("AB", self.runs, self.verdict, strict=True)
         settings = [[name, *values] for name, values in self.settings.items()] or [["none", "", ""]]
         a, b = (Column(f"value {run}", format=".4g") for run in "AB")
-        checks = Table(
-            "Gap and evidence", columns("quantity", a, b), [[c["name"], *c["value"]] for c in self.checks]
-        )
+        values = [[check["name"], *check["value"]] for check in self.checks]
+        checks = Table("Gap and evidence", ("quantity", a, b), values)
         if any(result for check in self.checks for result in check["result"]):
             rows = []
             for check in self.checks:
                 (first, second), values = (Cell(r, r or "") for r in check["result"]), check["value"]
                 rows.append([check["name"], first, values[0], second, values[1]])
-            checks = Table("Checks", columns("check", "result A", a, "result B", b), rows)
+            checks = Table("Checks", ("check", "result A", a, "result B", b), rows)
         return [
             *(f"{run}: {name}, verdict {verdict}" for run, name, verdict in runs),
-            Table("Settings that differ", columns("setting", "A", "B"), settings),
+            Table("Settings that differ", ("setting", "A", "B"), settings),
             checks,
             *(model_difference_table(model, rows) for model, rows in self.models.items() if rows),
         ]
@@ -100,7 +99,7 @@ def model_difference_table(model: str, rows: list[dict[str, Any]]) -> Table:
     quantities = [name for name in rows[0] if name not in ("number", "name")]
     of_runs = [replace(SHOWN[q], name=f"{SHOWN[q].name} {run}") for q in quantities for run in "AB"]
     lines = [[row["number"], row["name"], *(v for name in quantities for v in row[name])] for row in rows]
-    return Table(f"{model.capitalize()} model", columns(("no.", "", "d"), "parameter", *of_runs), lines)
+    return Table(f"{model.capitalize()} model", (("no.", "", "d"), "parameter", *of_runs), lines)
 
 
 def _name(run: RunResult) -> str:

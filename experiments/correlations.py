@@ -8,7 +8,6 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from tulip_testbed.base.arguments import expect
-from tulip_testbed.base.column import columns
 from tulip_testbed.base.errors import InputError, UnknownNameError, choices, listed, shortened
 from tulip_testbed.base.table import Shown, Table
 from tulip_testbed.identification.base_parameters import BaseParameters
@@ -33,7 +32,7 @@ class Pairs(Shown, tuple[Pair, ...]):
     level: float = HIGH_CORRELATION
 
     def table(self) -> Table:
-        heads = columns("parameter", "and", ("correlation", "", "+.4f"))
+        heads = ("parameter", "and", ("correlation", "", "+.4f"))
         return Table(f"Correlations above {self.level:g} in size (eq. 15)", heads, self)
 
     def to_frame(self) -> Any:
@@ -117,7 +116,7 @@ def correlation_table(
     if not pairs:
         return NO_CORRELATION
     by = "distinguished by (range in these postures)" if joint_angles is not None else "distinguished by"
-    heads = columns(("no.", "", "d"), ("and", "", "d"), ("correlation", "", "+.4f"), "parameters", by)
+    heads = (("no.", "", "d"), ("and", "", "d"), ("correlation", "", "+.4f"), "parameters", by)
     rows = []
     for pair in pairs:
         joints = joints_between(parameters, pair[0] - 1, pair[1] - 1)

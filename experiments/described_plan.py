@@ -8,7 +8,7 @@ from typing import Annotated, Any
 import numpy as np
 from pydantic import Field
 
-from tulip_testbed.base.column import Column, columns
+from tulip_testbed.base.column import Column
 from tulip_testbed.base.errors import InputError
 from tulip_testbed.base.numbers import number
 from tulip_testbed.base.result import Array, Figure, Outside, Result
@@ -151,7 +151,7 @@ class DescribedPlan(Result):
     def table(self) -> Table:
         parameters = planned_parameters(self.robot, self.whole)
         figures = ("s.e.", "mm", ".2f"), ("of the nominal value", "%", ".1f")
-        heads = columns(("no.", "", "d"), "parameter", *figures, Column("links", extra=True))
+        heads = (("no.", "", "d"), "parameter", *figures, Column("links", extra=True))
         errors = self.predicted_standard_error_mm.tolist()
         shares = self.predicted_relative_standard_error_percent.tolist()
         rows = [
@@ -258,6 +258,6 @@ def margins_of(robot: Robot, plan: PosturePlan) -> dict[str, dict[str, Any]] | N
 
 
 def margin_table(margins: dict[str, dict[str, Any]]) -> Table:
-    heads = columns("constraint", ("margin", "", ".3f"), "unit", ("posture", "", "d"), "where")
+    heads = ("constraint", ("margin", "", ".3f"), "unit", ("posture", "", "d"), "where")
     rows = [[name, m["value"], m["unit"], m["posture"], m["at"]] for name, m in margins.items()]
     return Table("Smallest margin of every constraint, beyond what `tulip plan optimal` keeps", heads, rows)

@@ -5,7 +5,6 @@ from collections.abc import Iterable, Sequence
 from statistics import NormalDist
 from typing import Any
 
-from tulip_testbed.base.column import columns
 from tulip_testbed.base.errors import listed
 from tulip_testbed.base.numbers import number
 from tulip_testbed.base.table import Cell, Table
@@ -32,7 +31,7 @@ CHANNEL_NAMES = {
 
 def gap_table(heldout: HeldOut) -> Table:
     """Return the residuals by channel before and after, and what chance alone may give."""
-    heads = columns("channel", *((name, "", ".2f") for name in ("before", "after", "by chance up to")))
+    heads = ("channel", *((name, "", ".2f") for name in ("before", "after", "by chance up to")))
     rows: list[list[Any]] = []
     for channel, name in CHANNEL_NAMES.items():
         if channel in heldout.before:
@@ -49,7 +48,7 @@ def gap_table(heldout: HeldOut) -> Table:
 
 def explanation_table(explanations: Sequence[Explanation]) -> Table:
     factors = ("ln of Bayes factor", "", ".1f"), ("behind the best", "", ".1f")
-    heads = columns(("gap", "", "d"), "effect", "size", *factors)
+    heads = (("gap", "", "d"), "effect", "size", *factors)
     rows = [
         [one.gap, one.instance.label, _sizes(one.instance), one.log_bayes_factor, short]
         for one, short in zip(explanations, behind(explanations), strict=True)
@@ -63,7 +62,7 @@ def calibrated_table(members: Iterable[EffectInstance]) -> Table:
     rows = [[member.label, _sizes(member)] for member in members if clear_of_zero(member)]
     which = "±: half of the 95 % interval. The others" if rows else "All of them"
     note = f"{which} are zero within their 95 % intervals."
-    return Table("Calibrated", columns("imperfection", "size"), rows, note)
+    return Table("Calibrated", ("imperfection", "size"), rows, note)
 
 
 def behind(explanations: Sequence[Explanation]) -> list[float]:
@@ -111,7 +110,7 @@ def moved_table(
     corrected = [("after: corrected", *millimetres)] if adopted else []
     moved = [("moved by", "s.e.", "+.2f"), "change"] if adopted else []
     error = ("s.e.", *millimetres)
-    heads = columns(("no.", "", "d"), "parameter", (first, *millimetres), *corrected, error, *moved)
+    heads = (("no.", "", "d"), "parameter", (first, *millimetres), *corrected, error, *moved)
     lines = []
     for k, move in enumerate(moves(before, after)):
         mark = "moved" if abs(move or 0.0) > bound else ""
@@ -155,14 +154,14 @@ def moved_words(
 
 
 def pattern_table(patterns: Sequence[Pattern]) -> Table:
-    heads = columns("channel", "pattern", ("p", "", ".2g"))
+    heads = ("channel", "pattern", ("p", "", ".2g"))
     rows = [[one.channel, one.words, one.p] for one in patterns if one.p < MOST_P]
     return Table("The clearest patterns in the remaining residuals", heads, rows)
 
 
 def repeat_table(repeats: PureError) -> Table:
     """Return how repeated postures agree with the stated noise."""
-    heads = columns("channel", ("chi² per degree of freedom", "", ".2f"), ("p", "", ".2g"))
+    heads = ("channel", ("chi² per degree of freedom", "", ".2f"), ("p", "", ".2g"))
     rows = [
         [CHANNEL_NAMES.get(channel, channel), ratio, repeats.p.get(channel)]
         for channel, ratio in repeats.ratio.items()
@@ -180,12 +179,12 @@ def undetectable_table(effects: Sequence[Undetectable]) -> Table:
         worst = max(of, key=lambda effect: effect.bias)
         bias = [worst.parameter, worst.bias] if worst.parameter else ["not predicted", None]
         rows.append([name, _targets(of), *bias])
-    return Table("Effects that these postures cannot detect", columns("effect", "targets", *biased), rows)
+    return Table("Effects that these postures cannot detect", ("effect", "targets", *biased), rows)
 
 
 def weak_table(effects: Sequence[WeaklyDetectable]) -> Table:
     """Return the effects that show only if larger than plausible, one kind per row."""
-    heads = columns("effect", "targets", "shows from (90 %)", "over the plausible size")
+    heads = ("effect", "targets", "shows from (90 %)", "over the plausible size")
     by_unit: dict[tuple[str, str], list[WeaklyDetectable]] = {}
     for effect in sorted(effects, key=lambda effect: effect.multiple):
         by_unit.setdefault((effect.candidate.effect.name, effect.size.unit), []).append(effect)

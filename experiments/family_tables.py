@@ -4,7 +4,6 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from tulip_testbed.base.column import columns
 from tulip_testbed.base.table import Table
 from tulip_testbed.calibration.calibration_result import OF_CAD, CalibratedFamily, SelfCalibration
 from tulip_testbed.calibration.families import TOLERANCES
@@ -51,7 +50,7 @@ def calibration_report(
         lasts = f"{share} of its variance ({closure} in the legs' closure) lasts for {lasting.seconds:.2g} s"
         known = f"{rows} rows determine a constant like {count:.0f} rows with independent noise"
         in_time.append(f"Noise in time: {lasts if lasting.share else 'white'}; {known}.")
-    heads = columns("imperfection", "value ± half of the 95 % interval")
+    heads = ("imperfection", "value ± half of the 95 % interval")
     determined = f"{zero} members are determined by the data, and zero within their intervals."
     return [
         family_table(found.families, "Ordinary imperfections", singly=True),
@@ -83,7 +82,7 @@ def family_table(families: Sequence[CalibratedFamily], title: str, singly: bool 
         count = [f"{int(one.determined.sum())} of {len(one.determined)}"] if singly else []
         rows.append([one.family.name, tolerance, one.spread, *one.spread95, *count])
     spread = ("spread", "tolerances", ".2f"), ("low", "", ".2f"), ("high", "", ".2f")
-    heads = columns("family", "tolerance", *spread, *["determined singly"] * singly)
+    heads = ("family", "tolerance", *spread, *["determined singly"] * singly)
     return Table(title, heads, rows, SPREAD)
 
 
@@ -95,7 +94,7 @@ def budget_table(found: SelfCalibration, names: tuple[str, ...], contacts: Conta
         shares = ((found.sources[j], found.shares[j, k]) for j in order)
         parts = [f"{source} {100 * share:.0f} %" for source, share in shares if share >= LEAST_SHARE]
         rows.append([name, float(np.sqrt(found.covariance[k, k])), ", ".join(parts)])
-    heads = columns("parameter", ("s.e.", "mm", ".2f", 1e3), "largest parts of its variance")
+    heads = ("parameter", ("s.e.", "mm", ".2f", 1e3), "largest parts of its variance")
     sensors, one = ("cells", "cell") if contacts is None else ("contact sensors", "sensor")
     in_feet = contacts is not None and contacts.mount == "foot"
     places = "foot's place: common to a placement" if in_feet else "plate: errors of its recorded place"

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from tulip_testbed.base.column import Column, columns
+from tulip_testbed.base.column import Column
 from tulip_testbed.base.errors import InputError
 from tulip_testbed.base.files import read_text
 from tulip_testbed.base.numbers import number
@@ -201,10 +201,10 @@ def _paper_columns(model: str, estimate: Estimate, paper: Reported) -> list[tupl
 def standard_table(standard: StandardEstimate) -> Table:
     """Return masses and centres of mass of the links and how much of each came from the data."""
     of_mass = ("mass", "kg", ".3f"), ("s.e. of mass", "kg", ".3f"), ("mass from data", "%", ".0f", 100)
-    heads = columns("link", *of_mass)
+    heads = ("link", *of_mass)
     for axis in "xyz":
         both = (axis, "mm", ".1f", 1e3), (f"s.e. of {axis}", "mm", ".1f", 1e3)
-        heads += columns(*both, (f"{axis} from data", "%", ".0f", 100, True))
+        heads += (*both, (f"{axis} from data", "%", ".0f", 100, True))
     masses = np.column_stack([standard.mass, standard.mass_error, standard.mass_share])
     centers = np.stack([standard.center, standard.center_error, standard.center_share], axis=2)
     rows = [

@@ -5,7 +5,6 @@ from typing import Any
 
 import numpy as np
 
-from tulip_testbed.base.column import columns
 from tulip_testbed.base.errors import listed
 from tulip_testbed.base.table import Table
 from tulip_testbed.identification.link_clearances import (
@@ -78,7 +77,7 @@ def clearance_table(clearances: dict[str, list[dict[str, Any]]]) -> Table | str:
     note = f" Left out, since they overlap in the posture stand: {left_out}." if left_out else ""
     if not rows:
         return f"No links come nearer to each other than {1e3 * WITHIN:.0f} mm.{note}"
-    heads = columns("links", ("distance", "mm", ".1f"), "in a", "posture")
+    heads = ("links", ("distance", "mm", ".1f"), "in a", "posture")
     title = "Smallest distances between links, in postures and on the paths between them"
     return Table(title, heads, rows, f"Negative: the shapes of the links overlap.{note}")
 

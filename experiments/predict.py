@@ -9,7 +9,6 @@ from pathlib import Path
 import numpy as np
 from scipy.optimize import lsq_linear, minimize
 
-from tulip_testbed.base.column import columns
 from tulip_testbed.base.errors import InputError, listed
 from tulip_testbed.base.numbers import number
 from tulip_testbed.base.progress import Advance, Progress, silent
@@ -109,7 +108,7 @@ class Prediction(Result):
 
     def tables(self) -> list[Table | str]:
         rms = ((f"r.m.s. {axis} (95 %)", "mm", ".2f") for axis in "xy")
-        heads = columns("model", "postures left out by", *rms, "beats CAD", "beats CAD with offset")
+        heads = ("model", "postures left out by", *rms, "beats CAD", "beats CAD with offset")
         rows = []
         for score in self.models:
             ends = (score.rms_mm, score.low95, score.high95)

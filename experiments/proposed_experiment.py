@@ -7,7 +7,6 @@ from typing import Annotated, Literal
 
 from pydantic import Field, computed_field
 
-from tulip_testbed.base.column import columns
 from tulip_testbed.base.errors import InputError
 from tulip_testbed.base.files import present
 from tulip_testbed.base.result import Documented, Outside, Result
@@ -106,14 +105,14 @@ def prediction_table(experiment: NextExperiment) -> Table:
     rows = [astuple(one) for one in experiment.predictions]
     center = ((f"CoP {axis}", "mm", "+.2f") for axis in "xy")
     forces = ((name, "N", "+.2f") for name in ("sum", "twist right", "twist left"))
-    heads = columns("if it is", *center, *forces)
+    heads = ("if it is", *center, *forces)
     return Table("Mean residuals that each explanation predicts for the best", heads, rows)
 
 
 def experiment_table(experiments: Sequence[NextExperiment]) -> Table:
     rows = [[one.words, one.postures, one.minutes, one.settled, one.separation] for one in experiments]
     figures = ("time", "min", ".0f"), ("settled", "%", ".0f", 100.0), ("least ln BF", "", ".1f")
-    heads = columns("experiment", ("postures", "", "d"), *figures)
+    heads = ("experiment", ("postures", "", "d"), *figures)
     note = (
         "settled: expected decrease of the explanations' entropy, whose rate per minute orders the rows; "
         "least ln BF: expected between the two closest explanations."

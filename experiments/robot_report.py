@@ -5,7 +5,6 @@ from typing import Any
 
 import numpy as np
 
-from tulip_testbed.base.column import columns
 from tulip_testbed.base.errors import listed
 from tulip_testbed.base.result import Result
 from tulip_testbed.base.table import Table
@@ -75,9 +74,9 @@ class RobotReport(Result):
         count = self.counts
         parts: list[Table | str] = [] if self.found is None else [_found_table(self.name, self.found)]
         moments = ((f"m c_{axis}", "kg m", ".4f") for axis in "xyz")
-        of_links = columns("link", ("mass", "kg", ".3f"), *moments)
+        of_links = ("link", ("mass", "kg", ".3f"), *moments)
         figures = ("value", "mm", ".2f", 1e3), ("terms", "", "d")
-        of_base = columns(("no.", "", "d"), "parameter", *figures, "largest term", "sum of")
+        of_base = (("no.", "", "d"), "parameter", *figures, "largest term", "sum of")
         rows = [[b.number, b.name, b.value, b.terms, b.largest, b.meaning] for b in self.base]
         base_title = f"Base parameters; the total mass is {self.total_mass:.3f} kg"
         note = "A base parameter is the sum over the total mass; --json holds every term."
@@ -92,7 +91,7 @@ class RobotReport(Result):
             Table(base_title, of_base, rows, note),
         ]
         if self.findings:
-            heads = columns("about", "found", "what goes wrong", "what is done")
+            heads = ("about", "found", "what goes wrong", "what is done")
             rows = [[f.name, f.found, f.consequence, f.assumed] for f in self.findings]
             parts.append(Table("Items that this robot lacks for the laboratory", heads, rows))
         return [*parts, *([f"Description: {self.description}"] if self.description else [])]
@@ -144,7 +143,7 @@ def _found_table(name: str, found: dict[str, Any]) -> Table:
         ("torque limits", f"{torque[0]:.3g} to {torque[-1]:.3g} Nm"),
         ("standing posture", f"free body {found['height']:.3f} m above the soles"),
     ]
-    return Table(name, columns("found", "value"), rows)
+    return Table(name, ("found", "value"), rows)
 
 
 def _base_parameter(

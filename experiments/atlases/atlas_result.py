@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from tulip_testbed.base.column import Column, columns
+from tulip_testbed.base.column import Column
 from tulip_testbed.base.result import Array, InMemory, Result
 from tulip_testbed.base.table import Table
 from tulip_testbed.effects.catalogue import catalogue
@@ -166,7 +166,7 @@ def closing(atlas: Atlas) -> str:
 def kind_table(rows: list[AtlasRow]) -> Table:
     sizes = ("plausible", "", ".2g"), ("found from", "", ".2g")
     bias = ("largest bias", "s.e.", ".2g")
-    heads = columns("effect", "unit", "detected", *sizes, ("angle", "deg", ".0f"), bias)
+    heads = ("effect", "unit", "detected", *sizes, ("angle", "deg", ".0f"), bias)
     kinds: dict[tuple[str, str], list[AtlasRow]] = {}
     for row in rows:
         kinds.setdefault((row.effect, row.display[1]), []).append(row)
@@ -206,8 +206,8 @@ def _range(values: list[Any]) -> Any:
 def effect_table(atlas: Atlas, rows: list[AtlasRow], title: str) -> Table:
     """Return one row a size of a candidate."""
     heads = (
-        *columns("effect", "size of", "unit", ("plausible", "", ".2g"), ("found from", "", ".2g")),
-        Column("angle", "deg", ".0f"),
+        *("effect", "size of", "unit", ("plausible", "", ".2g"), ("found from", "", ".2g")),
+        ("angle", "deg", ".0f"),
         *(Column(name, "s.e.", "+.2f", extra=True) for name in ("bias", "bias when just found")),
         *(Column(name, extra=True) for name in ("of the parameter", "most similar effect")),
         *(Column(f"by {channel}", format=".2g", extra=True) for channel in CHANNELS),
@@ -239,7 +239,7 @@ def group_table(atlas: Atlas) -> Table:
     rows = [[k, list(group)] for k, group in enumerate(atlas.groups, 1)]
     bound = f"{np.degrees(ISOLABLE):.0f} deg"
     title = f"Effects that these postures cannot distinguish (an angle below {bound} to another of the group)"
-    return Table(title, columns(("group", "", "d"), "effects"), rows)
+    return Table(title, (("group", "", "d"), "effects"), rows)
 
 
 def _one_placement(atlas: Atlas) -> list[AtlasRow]:

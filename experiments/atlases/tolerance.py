@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tulip_testbed.base.column import Column, columns
+from tulip_testbed.base.column import Column
 from tulip_testbed.base.result import Array, InMemory, Result
 from tulip_testbed.base.table import Table
 from tulip_testbed.discovery.candidates import candidates
@@ -91,7 +91,7 @@ class Tolerance(Result):
         numbered = [Column(str(number), format=".2f", extra=True) for number in numbers]
         biases = Table(
             "Bias of every parameter, by its number, in standard errors of the default estimator",
-            columns("error", "of", *numbered),
+            ("error", "of", *numbered),
             [[source.label, source.unit, *source.bias_se.tolist()] for source in self.sources],
             "`tulip robot` tells the names of the parameters.",
         )
@@ -104,7 +104,7 @@ class Tolerance(Result):
 
     def tolerance_table(self) -> Table:
         allowed = ("allowed alone", "", ".2g"), ("allowed s.d. if all of a kind err", "", ".2g")
-        heads = columns("error", "of", "biases most", ("by", "s.e.", "+.3f"), *allowed, "unit")
+        heads = ("error", "of", "biases most", ("by", "s.e.", "+.3f"), *allowed, "unit")
         rows, kinds = [], {kind.effect: kind.together_units for kind in self.kinds}
         for source in self.sources:
             worst = int(np.abs(source.bias_se).argmax())

@@ -5,7 +5,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tulip_testbed.base.column import columns
 from tulip_testbed.base.numbers import number
 from tulip_testbed.base.result import Array, Result
 from tulip_testbed.base.table import Table
@@ -65,10 +64,10 @@ class ExportedModel(Result):
 
     def tables(self) -> list[Table | str]:
         masses = ("mass, CAD", "kg", ".3f"), ("mass", "kg", ".3f"), ("mass from data", "%", ".0f", 100)
-        heads = columns("link", *masses)
+        heads = ("link", *masses)
         for axis in "xyz":
             cad = (f"{axis}, CAD", "mm", ".1f", 1e3, True)
-            heads += columns(cad, (axis, "mm", ".1f", 1e3), (f"{axis} from data", "%", ".0f", 100, True))
+            heads += (cad, (axis, "mm", ".1f", 1e3), (f"{axis} from data", "%", ".0f", 100, True))
         rows = []
         for link in self.links:
             of_mass = link.mass_cad, link.mass, link.mass_data_share

@@ -22,7 +22,7 @@ from typing import Literal
 
 import numpy as np
 
-from tulip_testbed.base.column import Column, columns
+from tulip_testbed.base.column import Column
 from tulip_testbed.base.result import Figure
 from tulip_testbed.base.table import Cell, Table
 from tulip_testbed.experiments.montecarlo.coverage import WHOLE_LEVEL, Errors, Estimates, Interval, share
@@ -159,7 +159,7 @@ def _held(
 def coverage_check_table(checks: list[CoverageCheck]) -> Table:
     figures = ("worst no.", "", "d"), ("value", "", ".4f"), ("interval", "", ".4f"), ("bounds", "", ".2g")
     extra = (Column(name, extra=True) for name in ("beyond, no.", "where the bounds come from"))
-    heads, rows = columns("check", "result", *figures, *extra), []
+    heads, rows = ("check", "result", *figures, *extra), []
     for check in checks:
         result = check.result if check.shown or check.result != "pass" else "inconclusive"
         figures = (check.number, check.value, check.interval, check.bounds, check.beyond)

@@ -7,7 +7,6 @@ from typing import Annotated
 
 import numpy as np
 
-from tulip_testbed.base.column import columns
 from tulip_testbed.base.errors import InputError
 from tulip_testbed.base.progress import Advance, Progress, silent
 from tulip_testbed.base.result import Outside, Result
@@ -69,7 +68,7 @@ class MotionPlan(Result):
             f"{self.inertial_mm / self.noise_mm:.2g} of the noise ({self.preset}: {self.noise_mm:.2g} mm)",
         }
         rows |= {f"motions left out: {cause}": f"{count}" for cause, count in self.left_out.items()}
-        table = Table("Motion", columns("what", "value"), [list(row) for row in rows.items()])
+        table = Table("Motion", ("what", "value"), [list(row) for row in rows.items()])
         return [table, *self.notes]
 
 

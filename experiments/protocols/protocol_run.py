@@ -7,7 +7,6 @@ from typing import Any
 
 import numpy as np
 
-from tulip_testbed.base.column import columns
 from tulip_testbed.base.errors import InputError, at_least, look_up
 from tulip_testbed.base.progress import Progress, silent
 from tulip_testbed.base.result import Result
@@ -122,7 +121,7 @@ class LaboratoryProtocol(Result):
             ),
         }
         place = [] if self.folder is None else [f"Protocol: {self.folder}"]
-        summary = Table("Protocol", columns("what", "value"), list(rows.items()))
+        summary = Table("Protocol", ("what", "value"), list(rows.items()))
         return [summary, *self.notes, *self.missing, *place]
 
 

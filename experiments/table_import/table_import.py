@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 import pyarrow.csv
 
-from tulip_testbed.base.column import columns
 from tulip_testbed.base.errors import InputError, listed, look_up
 from tulip_testbed.base.files import new_folder, read_bytes, sha256, write_bytes
 from tulip_testbed.base.numbers import number
@@ -98,7 +97,7 @@ class ImportedTable(Result):
         return int(bool(self.problems))
 
     def tables(self) -> list[Table | str]:
-        heads = columns("of the contract", "of the table", "unit", "sign", "found by", "sign checked by")
+        heads = ("of the contract", "of the table", "unit", "sign", "found by", "sign checked by")
         rows = [
             [name, source.column, source.unit or "", f"{source.sign:+d}", source.by, source.checked or ""]
             for name, source in self.mapped.items()

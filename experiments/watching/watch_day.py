@@ -13,7 +13,6 @@ from typing import Any
 import numpy as np
 
 from tulip_testbed.base.arguments import expect
-from tulip_testbed.base.column import columns
 from tulip_testbed.base.errors import InputError, look_up, shortened
 from tulip_testbed.base.files import read_bytes
 from tulip_testbed.base.numbers import number
@@ -116,7 +115,7 @@ class Watch(Result):
             least = "No row has" if self.plan.motion is None else f"Fewer than {FIRST} rows have"
             return [] if self._rows else [f"{least} arrived."]
         figures = ("s.e.", "mm", ".2f", 1e3), ("target", "mm", ".2f", 1e3)
-        heads, rows = columns(("no.", "", "d"), "parameter", *figures, "met"), []
+        heads, rows = (("no.", "", "d"), "parameter", *figures, "met"), []
         for k, (name, error) in enumerate(self._last.standard_errors.items(), 1):
             target = self._targets[name]
             met = Cell("yes", "pass") if error <= target else Cell("no", "warn")
