@@ -1,20 +1,18 @@
 """Import a laboratory's own table: propose a mapping, write a measurement folder, check it with the robot."""
 
-import shutil
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pyarrow.csv
 
-from tulip_testbed.base.errors import InputError, listed, look_up
+from tulip_testbed.base.errors import InputError, at_most, listed, look_up
 from tulip_testbed.base.files import new_folder, read_bytes, sha256, write_bytes
 from tulip_testbed.base.numbers import number
 from tulip_testbed.base.result import Result
 from tulip_testbed.base.table import Table
-from tulip_testbed.base.table_files import TableFile, software, write_json
+from tulip_testbed.base.table_files import MOST_ROWS, TableFile, software, write_json
 from tulip_testbed.experiments.table_import.column_names import Proposal, propose, with_units
 from tulip_testbed.experiments.table_import.import_map import ONE, ImportMap, SeriesOfMap, with_unknowns
 from tulip_testbed.experiments.table_import.series_import import (
@@ -34,15 +32,15 @@ from tulip_testbed.identification.conventions.audit_conventions import (
 )
 from tulip_testbed.identification.conventions.log_conventions import WrenchConvention
 from tulip_testbed.identification.nominal import nominal_robot
-from tulip_testbed.measurements import Measurements, read_measurements, write_measurements
+from tulip_testbed.measurements import Measurements, write_measurements
 from tulip_testbed.measurements.cells import PLATES
-from tulip_testbed.measurements.column_mapping import MappedTable, check_mapping
+from tulip_testbed.measurements.column_mapping import MappedTable, MappingEntry, check_mapping
 from tulip_testbed.measurements.contact_entries import UNKNOWN, CopEntry, WrenchEntry
 from tulip_testbed.measurements.contacts import POSE
 from tulip_testbed.measurements.data import vertical_forces
 from tulip_testbed.measurements.logs.log_file import read_log
 from tulip_testbed.measurements.manifest import Manifest, manifest_from
-from tulip_testbed.measurements.measurement_folder import known_columns, required_columns
+from tulip_testbed.measurements.measurement_folder import known_columns, measurements_in, required_columns
 from tulip_testbed.measurements.stated_convention import StatedConvention
 from tulip_testbed.sim.robot import Robot, joint_names, sole_point
 
@@ -121,10 +119,6 @@ def import_table(table: Path, robot: Robot, folder: Path, stated: ImportMap) -> 
     return _Import(read_log(table), robot, stated).carried_out(Path(folder))
 
 
-class _RefusedError(InputError):
-    """The folder would break the contract."""
-
-
 class _Import:
     """An import at work; a class because every step may assume something or find something missing."""
 
@@ -174,7 +168,7 @@ class _Import:
         signs = SignCheck({}, [])
         if not self.missing:
             signs = (
-                self._written(proposal, manifest.model_dump(exclude_unset=True), folder)
+                self._written(proposal, manifest, folder)
                 if series is None
                 else self._reduced(proposal, manifest, series, folder, required)
             )
@@ -309,41 +303,23 @@ class _Import:
         for name, text in undecided.items():
             (self.missing if name in lacks else self.problems).append(text)
 
-    def _written(self, proposal: Proposal, manifest: dict[str, Any], folder: Path) -> SignCheck:
-        """Write the folder, read it as everybody will, and hold it against the robot."""
-        mapping = {name: entry.model_dump(exclude_none=True) for name, entry in proposal.mapping.items()}
+    def _written(self, proposal: Proposal, manifest: Manifest, folder: Path) -> SignCheck:
+        """Read the table as everybody will, write the folder, and hold it against the robot."""
+        table, mapping = self.table.with_columns(self.added), proposal.mapping
         try:
-            with new_folder(folder) as working:
-                table = working / "postures.csv"
-                if self.added:
-                    pyarrow.csv.write_csv(self.table.with_columns(self.added).table, table)
-                else:
-                    source = self.table.path
-                    table = table.with_suffix(".parquet" if source.suffix == ".parquet" else ".csv")
-                    write_bytes(table, read_bytes(source))
-                manifest |= {"mapping": mapping} if mapping else {}
-                manifest |= {"software": software(), "tables": {table.name: sha256(table)}}
-                write_json(working / "manifest.json", manifest)
-                try:
-                    measurements = read_measurements(working)
-                except InputError as error:  # says of a folder that is not written what the table lacks
-                    text = str(error).replace(str(table), str(self.table.path))
-                    text = text.replace(str(working / "manifest.json"), "map")
-                    text = text.partition("; `check` lists")[0].replace(str(working), "map")
-                    named = [name for name in mapping if f"'{name}'" in text]
-                    text += "".join(f"; {name} is column '{mapping[name]['column']}'" for name in named)
-                    raise _RefusedError(text) from None
-                audited = self._audited(measurements)
-                if self.conventions:
-                    manifest["conventions"] = [asdict(one) for one in self.conventions]
-                    write_json(working / "manifest.json", manifest)
-        except _RefusedError as refused:
-            self.missing.append(str(refused))
+            at_most(f"{table.path}: rows", len(table), MOST_ROWS)
+            mapped = manifest.model_copy(update={"mapping": mapping})
+            read = measurements_in(mapped, table, Path("map"))
+        except InputError as error:
+            named = [name for name in mapping if f"'{name}'" in str(error)]
+            columns = (f"; {name} is column '{mapping[name].column}'" for name in named)
+            self.missing.append("".join([str(error), *columns]))
             return SignCheck({}, [])
-        if audited.wrenches is not measurements.wrenches:  # the table is not what the contract expects
-            shutil.rmtree(folder)
-            write_measurements(folder, audited)
-            measurements = audited
+        measurements = self._audited(read)
+        if measurements.wrenches is read.wrenches:
+            self._write_own(table, mapping, manifest, folder)
+        else:  # the table is not what the contract expects
+            write_measurements(folder, measurements)
         loads = vertical_forces(measurements)
         share = np.nan_to_num(loads / loads.sum(axis=1, keepdims=True))
         light = (share < LIFTED).any(axis=1) & (measurements.support == "double")
@@ -360,6 +336,25 @@ class _Import:
                 "rows in the order in which they were measured"
             )
         return check_signs(measurements, nominal_robot(self.robot))
+
+    def _write_own(
+        self, table: TableFile, mapping: dict[str, MappingEntry], manifest: Manifest, folder: Path
+    ) -> None:
+        """Write a folder with the table as it is, unless columns were added, and its mapping."""
+        source = self.table.path
+        with new_folder(folder) as working:
+            place = working / "postures.csv"
+            if self.added or source.suffix not in (".csv", ".parquet"):
+                pyarrow.csv.write_csv(table.table, place)
+            else:
+                place = place.with_suffix(source.suffix)
+                write_bytes(place, read_bytes(source))
+            entries = {name: entry.model_dump(exclude_none=True) for name, entry in mapping.items()}
+            content = manifest.model_dump(exclude_unset=True) | ({"mapping": entries} if entries else {})
+            content |= {"software": software(), "tables": {place.name: sha256(place)}}
+            if self.conventions:
+                content["conventions"] = [asdict(one) for one in self.conventions]
+            write_json(working / "manifest.json", content)
 
     def _audited(self, measurements: Measurements) -> Measurements:
         """Audit the conventions, and return measurements with wrenches as the contract has them."""
