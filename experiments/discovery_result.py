@@ -1,5 +1,6 @@
 """The result of a discovery: verdict, effects, evidence, the robot identified before and after."""
 
+import csv
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -63,9 +64,10 @@ INCOMPLETE = (
 
 
 def _write_residuals(path: Path, columns: Columns) -> None:
-    import pandas as pd
-
-    pd.DataFrame(columns).to_csv(path, index=False)
+    with path.open("w", newline="", encoding="utf-8") as file:
+        writer = csv.writer(file)
+        writer.writerow(columns)
+        writer.writerows(zip(*(values.tolist() for values in columns.values()), strict=True))
 
 
 def _read_residuals(path: Path, robot: Robot) -> Columns:
