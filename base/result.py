@@ -7,7 +7,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
-from typing import Annotated, Any, Self, TypeVar, get_type_hints
+from typing import Annotated, Any, ClassVar, Self, TypeVar, get_type_hints
 
 import numpy as np
 from pydantic import (
@@ -124,6 +124,8 @@ class Result(Documented, Shown):
     folder holds them next to it.
     """
 
+    exit_codes: ClassVar[Mapping[str, int]] = {}  # of the command, by the verdict; of others 0
+
     def answer(self) -> list[Table | str]:
         """Return what the command line shows without --full."""
         return self.tables()
@@ -131,7 +133,7 @@ class Result(Documented, Shown):
     @property
     def exit_code(self) -> int:
         """Return the exit code of the command that has this result."""
-        return 0
+        return self.exit_codes.get(getattr(self, "verdict", ""), 0)
 
     def wait(self) -> None:
         """Wait until a window that shows the result is closed."""

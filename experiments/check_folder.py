@@ -6,7 +6,7 @@ from contextlib import suppress
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -48,6 +48,7 @@ class Preflight(Result):
             but examples of a manifest and of a row of the table.
     """
 
+    exit_codes: ClassVar = {"fail": 1, UNREADABLE: 2}
     verdict: str
     robot: str
     postures: int = 0
@@ -58,11 +59,6 @@ class Preflight(Result):
     complaints: dict[str, list[str]] | None = None
     example_manifest: dict[str, Any] | None = None
     example_row: dict[str, float] | None = None
-
-    @property
-    def exit_code(self) -> int:
-        """Return 0 for a pass, perhaps with warnings, 1 for a failed check, 2 for an unreadable folder."""
-        return {UNREADABLE: 2, "fail": 1}.get(self.verdict, 0)
 
     def tables(self) -> list[Table | str]:
         if self.complaints is not None:

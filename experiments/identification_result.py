@@ -27,7 +27,6 @@ from tulip_testbed.experiments.parameter_tables import (
     NOT_AT_REST,
     ConstantError,
     cad_line,
-    constant_error,
     known_sums,
     mass_line,
     models,
@@ -225,7 +224,10 @@ class Identification(Result, Mapping[str, IdentifiedParameter]):
     @property
     def constant(self) -> ConstantError:
         """Return the mean residual of the centre of pressure, which the estimate leaves to the laboratory."""
-        return constant_error(self.full, self._regressor())
+        residual, mean = self.full.residual.reshape(-1, 2), self._regressor().mean(axis=0)
+        error = np.sqrt(np.diag(mean @ self.full.covariance @ mean.T))
+        constant = residual.mean(axis=0)
+        return ConstantError(constant, 1.96 * error, constant**2 / (residual**2).mean(axis=0))
 
     def _regressor(self) -> np.ndarray:
         return self.parameters.regressor(self.measurements.joint_angles, self.measurements.support)

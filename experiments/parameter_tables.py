@@ -281,14 +281,6 @@ class ConstantError:
         )
 
 
-def constant_error(estimate: Estimate, regressor: np.ndarray) -> ConstantError:
-    """Return the mean of the residuals that an estimate leaves, by the regressor (m, 2, p)."""
-    residual, mean = estimate.residual.reshape(-1, 2), regressor.mean(axis=0)
-    error = np.sqrt(np.diag(mean @ estimate.covariance @ mean.T))
-    constant = residual.mean(axis=0)
-    return ConstantError(constant, 1.96 * error, constant**2 / (residual**2).mean(axis=0))
-
-
 def known_sums(estimate: Estimate) -> Iterator[str]:
     """Yield sums and differences that are well known though neither of their two parameters is."""
     shares = dict(zip(estimate.numbers.tolist(), estimate.relative_standard_error, strict=True))

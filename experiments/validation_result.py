@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Annotated, Any, Self
+from typing import Annotated, Any, ClassVar, Self
 
 import numpy as np
 from pydantic import AfterValidator, Field, computed_field
@@ -62,6 +62,7 @@ class Validation(SavedRun):
     """
 
     kind = "validation"
+    exit_codes: ClassVar = {"fail": 1}
 
     identification: Identification
     least_squares: Identification | None
@@ -132,11 +133,6 @@ class Validation(SavedRun):
         """
         own = self.identification
         return parameter_table("full", own.full, own.parameters, self.truth).frame().set_index("parameter")
-
-    @property
-    def exit_code(self) -> int:
-        """Return 0 for a pass, 1 for a failed check."""
-        return 0 if self.verdict == "pass" else 1
 
     @property
     def answers(self) -> tuple[str, str, str]:

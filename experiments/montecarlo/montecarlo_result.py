@@ -113,6 +113,7 @@ class MonteCarlo(Result, ModelCoverage):
     """
 
     kind: ClassVar[str] = "Monte Carlo"
+    exit_codes: ClassVar = {"fail": 1, "inconclusive": 3}
     runs: int
     estimator: str
     imperfections: float
@@ -143,11 +144,6 @@ class MonteCarlo(Result, ModelCoverage):
             name: 1e3 * errors_of(runs, name, [row.number for row in model.parameters])
             for name, model in self.models.items()
         }
-
-    @property
-    def exit_code(self) -> int:
-        """Return 0 for a pass, 1 for a failed check, 3 if inconclusive."""
-        return {"pass": 0, "fail": 1, "inconclusive": 3}[self.verdict]
 
     def table(self) -> Table:
         """Return bias, ratio of standard errors and coverage of the full model's parameters."""
