@@ -98,7 +98,8 @@ class Documented:
 
     def to_json(self) -> dict[str, Any]:
         """Return the JSON document; NaN is null."""
-        return finite(_adapter(type(self)).dump_python(self, mode="json", exclude=set(_outside(type(self)))))
+        adapter, outside = _adapter(type(self)), set(_outside(type(self)))
+        return finite(adapter.dump_python(self, mode="json", by_alias=True, exclude=outside))
 
     @classmethod
     def from_json(cls, document: Mapping[str, Any], where: str = "document") -> Self:

@@ -42,11 +42,7 @@ LARGE_SHARE = 1000.0  # % of a nominal value: it is near zero
 SEARCHED = (
     *("objective", "initial_condition_number", "measured_objective", "initial_objective", "final_objective"),
 )
-PROMISES = (
-    *("condition_number", "preset", "sigma_mm", "predicted_standard_error_mm"),
-    *("predicted_relative_standard_error_percent", "well_identified", "correlations", "margins"),
-    "clearances",
-)
+NO_PROMISES = ("plan", "postures", "placements", "made", "wall_s", *SEARCHED)  # in the document of a plan
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
@@ -103,18 +99,13 @@ class DescribedPlan(Result):
 
     def to_json(self) -> dict[str, Any]:
         """Return the JSON document, without what only a search has where there was none."""
+        searched = (*SEARCHED, "wall_s")
         document = super().to_json()
-        named = {"plan": document.pop("source")} | document
-        return {
-            key: value
-            for key, value in named.items()
-            if value is not None or key not in (*SEARCHED, "wall_s")
-        }
+        return {key: value for key, value in document.items() if value is not None or key not in searched}
 
     def promises(self) -> dict[str, Any]:
         """Return what the plan promises, as its folder keeps it."""
-        document = self.to_json()
-        return {name: document[name] for name in PROMISES}
+        return {name: value for name, value in self.to_json().items() if name not in NO_PROMISES}
 
     def tables(self) -> list[Table | str]:
         parameters = planned_parameters(self.robot, self.whole)
