@@ -26,9 +26,8 @@ from tulip_testbed.experiments.watching.watch_state import (
     AGAIN,
     OF_PLACEMENT,
     OPEN,
-    Belief,
+    Changes,
     Innovation,
-    Onset,
     WatchState,
     first_state,
 )
@@ -92,35 +91,27 @@ def test_a_row_alone_has_the_columns_that_it_has_among_others(watched, day):
         np.testing.assert_allclose(getattr(alone, one.name), getattr(whole, one.name), rtol=1e-9, atol=1e-12)
 
 
-def evidence(values: list[float], variance: float, ramp: bool) -> tuple[Onset, ...]:
-    """The onsets after readings of a variance without any state, by a fault of size 1."""
-    nothing: Any = None
-    one = np.ones((1, 1))
-    here: Any = SimpleNamespace(state=0 * one, faults=one)
-    state = WatchState(Belief(one[0], one), nothing, nothing, nothing)
-    for k, value in enumerate(values):
-        innovation = Innovation(value * one[0], variance * one, one / variance, 0 * one, here)
-        onsets = state.with_evidence(innovation, np.array([ramp]))
-        state = replace(state, onsets=onsets, taken=tuple(range(k + 1)))
-    return state.onsets
-
-
 def test_evidence_for_a_step_by_hand():
     """Readings of variance 4 without any state; a step of 3 begins at the third row: y^2 / w = n 3^2 / 4."""
-    best = max(evidence([0.0, 0.0, 3.0, 3.0, 3.0, 3.0], 4.0, False), key=lambda one: one.ratio[0])
-    assert best.ratio[0] == pytest.approx(4 * 9 / 4)
-    assert best.before.count == 2
+    changes = Changes.none(1, 1)
+    for k, value in enumerate([0.0, 0.0, 3.0, 3.0, 3.0, 3.0]):
+        one = np.ones((1, 1))
+        here: Any = SimpleNamespace(state=0 * one, faults=one)
+        innovation = Innovation(value * one[0], 4 * one, one / 4, 0 * one, here)
+        changes = changes.with_row(innovation, k, np.zeros(1, bool))
+    assert changes.ratio[:, 0].max() == pytest.approx(4 * 9 / 4)
+    assert changes.onset[changes.ratio[:, 0].argmax()] == 2
 
 
 def test_evidence_for_a_ramp_by_hand():
     """A ramp of 0.1 plausible size a row, measured with variance 1: y^2 / w = sum (k / 10)^2."""
-    first, *_ = evidence([(k + 1) / 10 for k in range(5)], 1.0, True)
-    assert first.ratio[0] == pytest.approx(55 / 100)
-
-
-def test_onsets_further_back_stand_apart():
-    counts = [one.before.count for one in evidence([0.0] * 200, 1.0, False)]
-    assert counts == [*range(132, 187, 6), *range(188, 200)]
+    changes = Changes.none(1, 1)
+    for k in range(5):
+        one = np.ones((1, 1))
+        here: Any = SimpleNamespace(state=0 * one, faults=one)
+        innovation = Innovation((k + 1) / 10 * one[0], one, one, 0 * one, here)
+        changes = changes.with_row(innovation, k, np.ones(1, bool))
+    assert changes.ratio[0, 0] == pytest.approx(55 / 100)
 
 
 def test_a_clean_day_is_in_order(played, watched):
@@ -197,11 +188,10 @@ def test_the_limits_follow_from_the_plan(watched, robot, plan, day):
 
 def test_what_was_measured_since_a_change_began_is_forgotten(watched, before):
     first = before.count - 3
-    onsets = [
-        replace(one, pull=100 * np.sqrt(one.information)) if one.before.count == first else one
-        for one in before.onsets
-    ]
-    seen = replace(before, onsets=tuple(onsets))
+    slot = int(np.flatnonzero(before.changes.onset == first)[0])
+    pull = before.changes.pull.copy()
+    pull[slot] = 100 * np.sqrt(before.changes.information[slot])
+    seen = replace(before, changes=replace(before.changes, pull=pull))
     state = fault_of_changes(watched, seen)
     assert state.fault is not None
     since, until = list(before.taken[-3:]), list(before.taken[:-3])

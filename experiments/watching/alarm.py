@@ -14,6 +14,8 @@ from tulip_testbed.experiments.watching.row_columns import RowColumns
 from tulip_testbed.experiments.watching.watch_state import (
     AGAIN,
     OF_PLACEMENT,
+    REACH,
+    Changes,
     DesignInformation,
     Fault,
     Innovation,
@@ -63,22 +65,25 @@ def judge(
     here = innovation.here
     again = _repeat_probability(model, state, here, posture)
     alone = float(chi2_sf(innovation.chi_square, int(here.used.sum())))
-    onsets = state.with_evidence(innovation, model.ramps)
-    sudden = float(onsets[-1].ratio.max())  # of one row alone
+    changes = state.changes.with_row(innovation, state.count, model.ramps)
+    sudden = float(changes.ratio[changes.onset.argmax()].max())  # of one row alone
     unlikely = alone < level(model, "row") or again < level(model, "repeat")
     if unlikely or sudden > largest_ratio(model):
         findings = [_misfit(innovation, alone, again), *findings]
         state = _fault_of_odd_rows(model, state, innovation, posture)
         verdict = REPEAT if model.held else ODD
     else:
+        before = replace(state, history=(), changes=Changes.none(0, 0))
         state = replace(
             state,
             belief=state.belief.updated(innovation),
+            changes=changes,
             information=state.information.with_posture(model, columns, kept),
             earlier=state.earlier | ({posture: (state.stance, here)} if model.held else {}),
             odd=None,
-            onsets=onsets,
-            taken=(*state.taken, state.row),
+            history=tuple(one for one in (*state.history, before) if one.count in changes.onset),
+            taken=(*state.taken, state.row)[-REACH:],
+            count=state.count + 1,
         )
         state = fault_of_changes(model, state)
         verdict = OK
@@ -123,23 +128,24 @@ def fault_of_changes(model: DayModel, state: WatchState) -> WatchState:
     The estimate returns to what it was before the change began; the postures since are to be measured again,
     and what they showed is forgotten: no repeat is compared with it.
     """
-    onset = max(state.onsets, key=lambda one: one.ratio.max())
-    direction = int(onset.ratio.argmax())
-    if onset.ratio[direction] <= largest_ratio(model):
+    changes, ratio = state.changes, state.changes.ratio
+    slot, direction = np.unravel_index(ratio.argmax(), ratio.shape)
+    if ratio[slot, direction] <= largest_ratio(model):
         return state
-    before, belief, information = onset.before, onset.before.belief, onset.before.information
+    before = next(known for known in state.history if known.count == changes.onset[slot])
+    belief, information = before.belief, before.information
     if before.stance != state.stance:
         belief = belief.later(model, slice(-OF_PLACEMENT, None), 0.0)
     if before.placement != state.placement:
         information = DesignInformation.begun(information.whole)
-    size = float(onset.pull[direction] / onset.information[direction])
+    size = float(changes.pull[slot, direction] / changes.information[slot, direction])
     first = int(model.plan.posture[before.row]) if model.held else before.row
     return replace(
-        state.marked(list(state.taken[before.count :]), AGAIN),
+        state.marked(list(state.taken[before.count - state.count :]), AGAIN),
         belief=belief.later(model, model.lasting, 0.0),
         information=information,
         earlier=before.earlier,
-        fault=Fault(direction, first, size),
+        fault=Fault(int(direction), first, size),
         odd=None,
     )
 
@@ -174,7 +180,8 @@ def _still_there(
         again = f"Correct it and measure again from {since} on; until then nothing counts."
         return replace(state, fault=fault), _change(model, fault, seen, again)
     seen, advice = f"the change since {since} is gone", f"Measure the {model.unit}s since then again."
-    state = replace(state, fault=None, onsets=(), odd=None)
+    empty = Changes.none(len(state.belief.mean), len(model.directions))
+    state = replace(state, fault=None, changes=empty, history=(), odd=None)
     return state, Finding("change", "warn", seen, advice=advice)
 
 

@@ -1,4 +1,4 @@
-"""The state of a watch between two rows.
+"""The state of a watch between two rows; its size depends on the plan, not on the number of rows.
 
 The state of the day is estimated by a Kalman filter, linear about the present base parameters.
 
@@ -14,7 +14,7 @@ fault of size s that begins at posture k adds s g_t to the residuals of every po
 the filter's innovations keep rho_t = g_t - H_t b_t, since the estimate follows the fault by b_t. With
 y = sum rho' S^-1 gamma and w = sum rho' S^-1 rho the likelihood ratio, maximised over s, is y^2 / w,
 chi-square of one degree of freedom without a fault. Onsets are those of the last postures and, further back,
-every `APART`-th: the work of a row is constant.
+every `APART`-th: memory is constant.
 
 Reference: A. S. Willsky and H. L. Jones, A generalized likelihood ratio approach to the detection and
 estimation of jumps in linear systems, IEEE Trans. Automatic Control 21, 1976.
@@ -37,6 +37,7 @@ OF_PLACEMENT = PLATES + STANCE  # numbers of the state that begin again with a p
 CENTER = slice(0, 2)  # residuals of the centre of pressure
 LEAST_SHARE = 1e-10  # of the largest eigenvalue, below which parameters are not determined yet
 RECENT, APART, EARLIER = 12, 6, 10  # onsets: the last ones, and so many further back at that distance
+REACH = RECENT + APART * EARLIER  # rows back to the earliest onset
 LEAST_SEEN = 1e-4  # information on one plausible size, below which a fault is invisible
 OPEN, MEASURED, AGAIN = 0, 1, 2  # of a plan's rows
 GAPS, LEAST_GAPS = 20, 3  # times between postures that are remembered; from which one is compared with them
@@ -155,41 +156,68 @@ class DesignInformation:
 
 
 @dataclass(frozen=True, eq=False)
-class Onset:
-    """A row at which faults may have begun, and the evidence for each of them since.
+class Changes:
+    """Evidence for every fault from every onset.
 
     Attributes:
-        before: the state before the row, without onsets.
-        bias: of the estimate by one plausible size of each fault, (n, c).
-        pull, information: y and w, (c,).
+        onset: counts of the rows at which faults may have begun, (o,), -1: none.
+        bias: of the estimate by one plausible size of each fault, (o, n, c).
+        pull, information: y and w, (o, c).
     """
 
-    before: WatchState
+    onset: np.ndarray
     bias: np.ndarray
     pull: np.ndarray
     information: np.ndarray
 
+    @classmethod
+    def none(cls, numbers: int, directions: int) -> Changes:
+        onsets = RECENT + EARLIER
+        return cls(
+            onset=np.full(onsets, -1),
+            bias=np.zeros((onsets, numbers, directions)),
+            pull=np.zeros((onsets, directions)),
+            information=np.zeros((onsets, directions)),
+        )
+
     @property
     def ratio(self) -> np.ndarray:
-        """Return twice the logarithm of the likelihood ratio of every fault, (c,)."""
-        seen = self.information > LEAST_SEEN
+        """Return twice the logarithm of the likelihood ratio of every fault from every onset, (o, c)."""
+        seen = (self.information > LEAST_SEEN) & (self.onset >= 0)[:, None]
         return np.where(seen, self.pull**2 / np.where(seen, self.information, 1.0), 0.0)
 
-    def later(self, at: slice, kept: float) -> Onset:
+    def later(self, at: slice, kept: float) -> Changes:
         """Return the evidence after errors at these numbers kept so much, as in `Belief.later`."""
         bias = self.bias.copy()
-        bias[at] *= kept
+        bias[:, at] *= kept
         return replace(self, bias=bias)
 
-    def with_row(self, innovation: Innovation, grown: np.ndarray) -> Onset:
-        """Return the evidence with one more row; grown: sizes of the faults by now, (c,)."""
-        seen = innovation.here.faults * grown - innovation.here.state @ self.bias
+    def with_row(self, innovation: Innovation, count: int, ramps: np.ndarray) -> Changes:
+        """Return the evidence with one more row that the filter takes in.
+
+        Its onset takes the place of one that is no longer looked at: recent ones are in the first `RECENT`
+        places, by their number; one that leaves them is kept if its number is a multiple of `APART`.
+
+        Args:
+            count: number of the row, from 0. ramps: which directions grow with every row, (c,) bool.
+        """
+        onset, bias, pull, information = every = [values.copy() for values in vars(self).values()]
+        at = count % RECENT
+        if onset[at] >= 0 and onset[at] % APART == 0:
+            kept = RECENT + (onset[at] // APART) % EARLIER
+            for values in every:
+                values[kept] = values[at]
+        for values in every:
+            values[at] = 0
+        onset[at] = count
+        grown = np.where(ramps, (count - onset[:, None] + 1) / RAMP, 1.0)
+        seen = innovation.here.faults * grown[:, None] - innovation.here.state @ bias
         weighed = innovation.precision @ seen
-        return Onset(
-            before=self.before,
-            bias=self.bias + innovation.gain @ seen,
-            pull=self.pull + innovation.value @ weighed,
-            information=self.information + (seen * weighed).sum(axis=0),
+        return Changes(
+            onset=onset,
+            bias=bias + innovation.gain @ seen,
+            pull=pull + innovation.value @ weighed,
+            information=information + (seen * weighed).sum(axis=1),
         )
 
 
@@ -213,14 +241,15 @@ class WatchState:
     """State of a watch.
 
     Attributes:
-        belief: about the day's state. information: about the base parameters.
+        belief: about the day's state. changes: evidence for faults. information: about the base parameters.
         done: of the plan's rows, one of OPEN, MEASURED and AGAIN, (m,).
         earlier: by posture, the stance in which it was measured last and its columns there.
         odd: the last posture and its innovation, if it did not fit.
-        onsets: rows at which a fault may have begun, with the evidence for it.
-        taken: plan's rows of the rows that were taken in; of a motion, their own numbers.
+        history: the states before the rows at which a change may have begun, without history and evidence.
+        taken: plan's rows of the last rows that were taken in; of a motion, their own numbers.
         spreads: s.d. within the last windows, (k, n_joints + 9).
         gaps: between the last postures of a placement [s].
+        count: rows that were taken in.
         row: of the plan, that was measured last; -1: none. placement: its number. stance: count of the
             placements and stances so far. support: its support. time: of the last row, stood: of the
             stance's first one [s].
@@ -228,14 +257,16 @@ class WatchState:
     """
 
     belief: Belief
+    changes: Changes
     information: DesignInformation
     done: np.ndarray
     spreads: np.ndarray
     earlier: dict[int, tuple[int, RowColumns]] = field(default_factory=dict)
     odd: tuple[int, Innovation] | None = None
-    onsets: tuple[Onset, ...] = ()
+    history: tuple[WatchState, ...] = ()
     taken: tuple[int, ...] = ()
     gaps: tuple[float, ...] = ()
+    count: int = 0
     row: int = -1
     placement: int = -1
     stance: int = 0
@@ -243,29 +274,6 @@ class WatchState:
     time: float = float("nan")
     stood: float = float("nan")
     fault: Fault | None = None
-
-    @property
-    def count(self) -> int:
-        """Return how many rows were taken in."""
-        return len(self.taken)
-
-    def with_evidence(self, innovation: Innovation, ramps: np.ndarray) -> tuple[Onset, ...]:
-        """Return the onsets with one more row that the filter takes in and that is an onset itself.
-
-        Further back than the last `RECENT` ones stay `EARLIER` ones whose counts are multiples of `APART`.
-
-        Args:
-            ramps: which directions grow with every row, (c,) bool.
-        """
-        last = (self.count - RECENT) // APART - EARLIER
-        early = [one for one in self.onsets if one.before.count <= self.count - RECENT]
-        kept = [one for one in early if one.before.count % APART == 0 and one.before.count > APART * last]
-        none = np.zeros(len(ramps))
-        here = Onset(replace(self, onsets=()), np.zeros((len(self.belief.mean), len(ramps))), none, none)
-        return tuple(
-            one.with_row(innovation, np.where(ramps, (self.count - one.before.count + 1) / RAMP, 1.0))
-            for one in (*kept, *self.onsets[len(early) :], here)
-        )
 
     def marked(self, rows: int | list[int], mark: int) -> WatchState:
         """Return the state with rows of the plan open, measured or to be measured again; none in a motion."""
@@ -280,6 +288,7 @@ def first_state(model: DayModel) -> WatchState:
     n = len(model.covariance)
     return WatchState(
         belief=Belief(np.zeros(n), model.covariance),
+        changes=Changes.none(n, len(model.directions)),
         information=DesignInformation.begun(np.zeros((model.parameters,) * 2)),
         done=np.full(len(model.plan) if model.held else 0, OPEN, np.int8),
         spreads=np.zeros((0, len(model.unseen) + len(CELLS) + 1)),
@@ -303,13 +312,13 @@ def begin_row(model: DayModel, state: WatchState, row: Measurements, planned: in
     if anew or put_down:
         fading.append((slice(-OF_PLACEMENT if anew else -STANCE, None), 0.0))
         stood = time
-    belief, onsets, information = state.belief, state.onsets, state.information
+    belief, changes, information = state.belief, state.changes, state.information
     for at, kept in fading:
-        belief, onsets = belief.later(model, at, kept), tuple(one.later(at, kept) for one in onsets)
+        belief, changes = belief.later(model, at, kept), changes.later(at, kept)
     return replace(
         state,
         belief=belief,
-        onsets=onsets,
+        changes=changes,
         information=DesignInformation.begun(information.whole) if moved else information,
         gaps=(*gaps, gap)[-GAPS:] if not anew and 0 < gap < np.inf else gaps,
         row=planned,
