@@ -56,8 +56,7 @@ INTERNAL_PRIOR = 0.01  # s.d. of the logarithm of the scale of the unseen wrench
 # A foot is put down not quite where the servos want it, and the closed legs push it as long as it stands. How
 # far off is assumed [m, m, rad], so its scale is estimated, with a factor of two as s.d.
 PUT_DOWN, SQUEEZE_PRIOR = np.array([0.002, 0.002, 0.004]), 0.7
-# How well the load of a loose part is known is assumed too, so this scale is estimated: 0.4 to 0.7 in exact
-# laboratories, about 1 with cheap cells in ordinary ones.
+# How well the load of a loose part is known is assumed too, so this scale is estimated.
 LOOSE_PRIOR = 0.7
 CHANNELS = "AFTC"
 Families = Sequence[Family | FreeEffect]

@@ -91,11 +91,15 @@ def _rest(observed: Observation, target: str, half: float) -> tuple[np.ndarray, 
     turn = loads.torques[:, column] / stiffness
     sd = np.maximum(loads.doubt[:, column] / stiffness, 1e-12)
     low, high = (-half - turn) / sd, (half - turn) / sd
-    below, between, above = ndtr(low), ndtr(high) - ndtr(low), ndtr(-high)
-    edge_low, edge_high = (np.exp(-0.5 * edge**2) / np.sqrt(2 * np.pi) for edge in (low, high))
+    # The larger the range of loads under which the link would rest between its ends, the likelier it does.
+    more = np.maximum(loads.held[:, column] / stiffness, 1.0)
+    below, between, above = ndtr(low), more * (ndtr(high) - ndtr(low)), ndtr(-high)
+    edge_low, edge_high = (more * np.exp(-0.5 * edge**2) / np.sqrt(2 * np.pi) for edge in (low, high))
+    all_cases = below + between + above
     mean = half * (above - below) + turn * between + sd * (edge_low - edge_high)
     square = half**2 * (above + below) + (turn**2 + sd**2) * between
     square += sd * ((turn - half) * edge_low - (turn + half) * edge_high)
+    mean, square = mean / all_cases, square / all_cases
     return mean, np.sqrt(np.maximum(square - mean**2, 0.0))
 
 
@@ -126,7 +130,8 @@ EFFECTS = (
         a dead band as wide as the play and a stiff spring beyond it.
 
         The torque on a joint is known within a few tenths of a newton metre. Where the load is no larger, the
-        link may rest anywhere in its play; the prediction is the mean, and `unsure` the spread about it.
+        link may rest anywhere in its play; the prediction is the mean, and `unsure` the spread about it. Of a
+        play between whose ends the link mostly rests, little more is known than the part that it used.
         """,
     ),
 )

@@ -19,7 +19,9 @@ FRICTION = 5.0  # times that if each row counts by itself: friction is alike in 
 ZERO = np.radians(0.15)  # s.d. of an encoder's zero, assumed
 LITTLE = 0.01  # precision of the part of the sag that is left before any data, assumed
 MOVING = 2.0  # times that, of a robot that moves: the feet stay where they were put down
-MISPLACED = 0.002  # m, s.d. of the point of a foot's load by what is not noise of its cells, assumed
+MISPLACED = (
+    0.002  # m, s.d. of the point of a foot's load by what its cells and their place do not say, assumed
+)
 
 
 @dataclass(frozen=True)
@@ -34,7 +36,9 @@ class Loads:
         levers: torque on every joint per unit of the internal wrench, (m, n_joints, 3) [m, m, -].
         turns: internal wrench that takes up a turn of each joint, (m, 3, n_joints) [N/rad, Nm/rad].
         yields: the same of a torque on each joint, by its servo's sag and what yields.
-        geometry, cells, bears, cell_sd: see `joint_loads`.
+        held: stiffness against a rotation of one joint on the ground, where the closed legs and the loads of
+            the feet resist it, (m, n_joints) [Nm/rad]; zero on one foot.
+        geometry, cells, bears, cell_sd, place_sd: see `joint_loads`.
         carried: load of the foot that a joint bears, stance and swing, with its sign, (m, n_joints, 2) [N].
         carries: that sign, (n_joints, 2).
         unseen: s.d. of the internal wrench by what the cells do not show, (3,) [N, N, Nm].
@@ -46,10 +50,12 @@ class Loads:
     levers: np.ndarray
     turns: np.ndarray
     yields: np.ndarray
+    held: np.ndarray
     geometry: PostureGeometry
     cells: np.ndarray
     bears: np.ndarray
     cell_sd: float
+    place_sd: float
     carried: np.ndarray
     carries: np.ndarray
     unseen: np.ndarray
@@ -100,7 +106,8 @@ class Loads:
         variance = (
             self.cell_sd**2 * np.einsum("mnk,mnk->mn", of_cells, of_cells) + self.levers**2 @ self.unseen**2
         )
-        return np.sqrt(variance + (MISPLACED * np.abs(self.carried).sum(axis=2)) ** 2)
+        off = np.hypot(MISPLACED, self.place_sd)
+        return np.sqrt(variance + (off * np.abs(self.carried).sum(axis=2)) ** 2)
 
     @property
     def stiffness(self) -> np.ndarray:
@@ -116,6 +123,7 @@ def joint_loads(
     cells: np.ndarray,
     bears: np.ndarray,
     cell_sd: float,
+    place_sd: float,
     both: np.ndarray,
     servo_stiffness: np.ndarray,
     servo_gain: np.ndarray,
@@ -139,6 +147,7 @@ def joint_loads(
             (m, 2, 3) [m].
         cells: places of the cells under both feet, (m, 2, k, 2) [m]. bears: vertical force of a unit of each
             reading, (2, k). cell_sd: their noise [N]. See `ContactReadings`.
+        place_sd: s.d. of where the cells are in a placement [m].
         both: whether the posture stands on both feet, (m,) bool.
         servo_stiffness: torque of each joint's servo per error of its angle, (n_joints,) [Nm/rad].
         servo_gain: the same without what yields between encoder and link. sag: part of the error of the
@@ -175,6 +184,10 @@ def joint_loads(
     closed = _inverted(closing @ (unknown / servo_stiffness[:, None]))
     turns = closed @ closing
     yields = turns * (1 / servo_stiffness - (1 - left) / servo_gain)
+    all_levers = np.concatenate([unknown, seen * both[:, None, None]], axis=2)
+    resisting = (
+        all_levers @ _inverted(all_levers.mT @ (all_levers / servo_stiffness[:, None])) @ all_levers.mT
+    )
     push = -(yields @ torque[..., None] + turns @ (friction / servo_gain)[..., None])[..., 0]
     return Loads(
         torques=torque + (unknown @ push[..., None])[..., 0],
@@ -183,10 +196,12 @@ def joint_loads(
         levers=unknown,
         turns=turns,
         yields=yields,
+        held=np.diagonal(resisting, axis1=1, axis2=2),
         geometry=geometry,
         cells=cells,
         bears=bears,
         cell_sd=cell_sd,
+        place_sd=place_sd,
         carried=carries * down[:, None],
         carries=carries,
         unseen=UNSEEN * (MOVING if moves else 1.0),
@@ -220,7 +235,7 @@ def _in_motion(
 def _inverted(square: np.ndarray) -> np.ndarray:
     """Invert matrices, (m, 3, 3); a small term keeps it finite where the legs leave a component free."""
     scale = np.trace(square, axis1=1, axis2=2)[:, None, None]
-    return np.linalg.inv(square + ROUNDING * np.where(scale > 0, scale, 1.0) * np.eye(3))
+    return np.linalg.inv(square + ROUNDING * np.where(scale > 0, scale, 1.0) * np.eye(square.shape[1]))
 
 
 def sag_left(loads: Loads, sags: np.ndarray, experiment: np.ndarray) -> np.ndarray:

@@ -126,6 +126,7 @@ def test_joints_of_a_robot_that_moves_bear_what_inverse_dynamics_need(which, rob
         cells=np.zeros((count, 2, 4, 2)),
         bears=np.ones((2, 4)),
         cell_sd=0.0,
+        place_sd=0.0,
         both=np.zeros(count, bool),
         servo_stiffness=np.ones(joints),
         servo_gain=np.ones(joints),
