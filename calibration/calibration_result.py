@@ -101,7 +101,8 @@ class SelfCalibration:
         effect_errors: s.e. of their sizes, (n,) each [SI].
         noise: with estimated scales.
         problem, solved: the linear model at the estimate. linear: where its columns were taken.
-        assumed: how the tolerances were found.
+        assumed: how the tolerances were found. absent: families that were left out because they would be
+            negative beyond doubt.
         moved: largest change of a number by the last linearisation, in standard errors.
         noise_in_time: of a moving record. effective_rows: of independent noise that would determine a
             constant as well as its rows. None: the rows are taken as independent.
@@ -125,6 +126,7 @@ class SelfCalibration:
     moved: float
     noise_in_time: NoiseInTime | None = None
     effective_rows: float | None = None
+    absent: tuple[str, ...] = ()
 
     @property
     def steady(self) -> bool:
@@ -277,7 +279,9 @@ class SelfCalibration:
         )
         solved = fit(problem, (self.solved.scales, self.solved.spreads))
         linear, assumed = self.linear, self.assumed
-        return result_of(self.observed, self.all, self.noise, problem, linear, solved, assumed, self.moved)
+        return result_of(
+            self.observed, self.all, self.noise, problem, linear, solved, assumed, self.moved, self.absent
+        )
 
 
 def result_of(
@@ -289,6 +293,7 @@ def result_of(
     solved: LikelihoodFit,
     assumed: str,
     moved: float,
+    absent: tuple[str, ...],
 ) -> SelfCalibration:
     p, k = problem.flat - 1, len(problem.noise)
     mixing, owner = mixing_of(families)
@@ -362,6 +367,7 @@ def result_of(
         moved=moved,
         noise_in_time=clean.noise_in_time,
         effective_rows=None if clean.in_time is None else clean.in_time.effective_rows,
+        absent=absent,
     )
 
 

@@ -49,6 +49,7 @@ from tulip_testbed.identification.residual_channels import (
 from tulip_testbed.identification.residual_noise import noise_of, with_cell_noise
 
 ROUNDS = 16
+BEYOND_DOUBT = 4.0  # s.e. by which a member that cannot be negative is so
 NEARLY_TIPPED = 0.8  # of the compliance with which a robot would tip over
 WORSE = 10.0  # ln of the evidence, by which the last linearisation may lie below the best
 LASTING, LASTING_ROUNDS = NoiseInTime(0.9, 4.0), 4
@@ -63,7 +64,6 @@ STABLE_EXCESS = 0.5
 STANDS = 0.25  # s.e. by which nothing moves any more: the next step would move it by about a fifth of that
 
 
-@np.errstate(divide="ignore", invalid="ignore")  # a step may leave no load; then an error is raised
 def self_calibrate(
     observed: Observation,
     tolerances: Mapping[str, float] | None = None,
@@ -73,6 +73,10 @@ def self_calibrate(
     rounds: int = ROUNDS,
 ) -> SelfCalibration:
     """Estimate base parameters and members.
+
+    Nothing yields against its load. Where a compliance of a robot at rest would be negative beyond doubt,
+    something else is wrong, such as a play in a joint that bears no load, and its family is left out. An
+    estimate that begins at another one has its families.
 
     Args:
         observed: the experiment.
@@ -89,6 +93,25 @@ def self_calibrate(
         InputError: an unknown family or an impossible tolerance.
         numpy.linalg.LinAlgError: readings that are not finite, or postures that do not suffice.
     """
+    absent = () if start is None else start.absent
+    found = _calibrated(observed, tolerances, effects, start, residual_covariance, rounds, absent)
+    while start is None and not observed.moves and found.steady and (wrong := _negative(found)):
+        absent = *absent, *wrong
+        found = _calibrated(observed, tolerances, effects, None, residual_covariance, rounds, absent)
+    return found
+
+
+@np.errstate(divide="ignore", invalid="ignore")  # a step may leave no load; then an error is raised
+def _calibrated(
+    observed: Observation,
+    tolerances: Mapping[str, float] | None,
+    effects: Sequence[EffectInstance],
+    start: SelfCalibration | None,
+    residual_covariance: ResidualCovariance | None,
+    rounds: int,
+    absent: tuple[str, ...],
+) -> SelfCalibration:
+    """Calibrate without some families, see `self_calibrate`."""
     observed = with_cell_noise(observed).weighing(0.0)
     if tolerances:  # what the result says of the mass counts them too
         stated = observed.measurements
@@ -96,7 +119,11 @@ def self_calibrate(
         observed = observed.changed(measurements=stated)
     used = usual_tolerances(observed, None)
     families: Families = (
-        *(one.lying_about(observed.compliances) for one in families_in(observed, used, effects)),
+        *(
+            one.lying_about(observed.compliances)
+            for one in families_in(observed, used, effects)
+            if one.name not in absent
+        ),
         *map(FreeEffect, effects),
     )
     noise = noise_of(observed)
@@ -175,7 +202,13 @@ def self_calibrate(
         latest = linearised(state, families, noise)
     if clean.cad is not None:
         clean = clean.changed(cad=state.clean.cad)  # with which the result was computed
-    return result_of(clean, families, noise, *latest, solved, used.assumed, moved)
+    return result_of(clean, families, noise, *latest, solved, used.assumed, moved, absent)
+
+
+def _negative(found: SelfCalibration) -> list[str]:
+    """Name the families of which a member is negative beyond doubt and cannot be."""
+    families = [one for one in found.families if one.family.positive]
+    return [one.family.name for one in families if (one.value < -BEYOND_DOUBT * one.standard_error).any()]
 
 
 def _of_weight(clean: Observation) -> float:

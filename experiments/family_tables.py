@@ -36,13 +36,14 @@ def calibration_report(
             parameters = one.family.effect.parameters_on(labels[k].partition(":")[2])
             value = parameters[k % len(parameters)].text(float(one.value[k]), (low, high))
             members.append([labels[k], value])
-    there = {one.family.name for one in found.families}
+    there = {*found.absent, *(one.family.name for one in found.families)}
     usual = [name for name, tolerances in TOLERANCES.items() if any(tolerances) and name not in there]
     exact = [name for name in usual if name in catalogue() and acts_on(catalogue()[name], contacts)]
     said = {
         "Small by what the data say of the family as a whole": small,
         "Known by their tolerance only": unseen,
         "Taken as exact": exact,
+        "Left out, since something else is wrong (they would be negative beyond doubt)": found.absent,
     }
     in_time, lasting, count = [], found.noise_in_time, found.effective_rows
     if lasting is not None and count is not None:  # what noise that lasts leaves of the rows of a motion
