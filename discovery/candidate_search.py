@@ -17,6 +17,7 @@ from tulip_testbed.discovery.candidates import Candidate, Fitted, candidates, ch
 from tulip_testbed.discovery.columns import CandidateColumns, Changes, candidate_blocks, whitened_columns
 from tulip_testbed.discovery.evidence import marginal_fits, ranked
 from tulip_testbed.discovery.joint_fit import Data, JointFit, gauss_newton, joint_fit, log_share_of_positive
+from tulip_testbed.discovery.loose_parts import hidden_joints, loosest, speaks_of
 from tulip_testbed.discovery.pairs import ranked_pairs
 from tulip_testbed.effects.instance import EffectInstance
 from tulip_testbed.identification.observation import Observation
@@ -232,7 +233,12 @@ class CandidateSearch:
 
     def _others(self, adopted: JointFit) -> tuple[list[Candidate], Changes]:
         """Return the candidates that were not adopted, and where their changes are kept."""
-        others = [candidate for candidate in self.candidates if candidate.label not in adopted.labels]
+        hidden = hidden_joints(adopted.linear.smoothed, adopted.terms)
+        others = [
+            candidate
+            for candidate in self.candidates
+            if candidate.label not in adopted.labels and not speaks_of(candidate, hidden)
+        ]
         key = tuple(sorted(adopted.labels))
         kept = KEPT_CHANGES if len(self.observed) <= ROWS else 1
         if key not in self.changes and len(self.changes) == kept:
@@ -300,8 +306,8 @@ class CandidateSearch:
     def shortest(self, adopted: JointFit) -> list[Fitted]:
         """List the few candidates that explain most in addition to the adopted terms, the best first.
 
-        Linear columns rank badly what a gross gap needs: then the best of other kinds are listed too, and the
-        best that is undone exactly, regardless of what else is wrong, as exchanged cells.
+        Linear columns rank badly what a gross gap needs. Then others are listed too: the loosest part, the
+        best of other kinds, and the best that is undone exactly, as exchanged cells, whatever else is wrong.
         """
         key = tuple(candidate.label for candidate in self.candidates)
         if key not in adopted.ranked:
@@ -315,13 +321,17 @@ class CandidateSearch:
         near = [fitted for fitted in short if fitted.log_bayes_factor > least][:JUDGED]
         if not near or near[0].log_bayes_factor < GROSS:
             return near
+        known, (candidates_left, _) = {one.label for one in near}, self._others(adopted)
+        loose = loosest(adopted.partialled_out, candidates_left)
+        near += [one for one in loose if one.log_bayes_factor > least and one.label not in known]
         best: dict[str, Fitted] = {}
         for one in order:
             if one.log_bayes_factor > 0:
                 best.setdefault(one.candidate.effect.name, one)
         found = {one.candidate.effect.name for one in near}
         others = [one for kind, one in best.items() if kind not in found]
-        first, rest = others[: JUDGED - len(found)], others[JUDGED - len(found) :]
+        room = max(JUDGED - len(found), 0)
+        first, rest = others[:room], others[room:]
         kinds = [(one, one.candidate.effect) for one in rest]
         exact = [one for one, kind in kinds if not kind.sizes and kind.mechanism.unsure is None]
         return near + [fit_in_addition(adopted, one) for one in first + exact[:1]]

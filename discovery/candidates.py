@@ -1,7 +1,9 @@
 """An effect on a target, before and after its sizes are fitted."""
 
-from collections.abc import Hashable
-from dataclasses import dataclass
+from __future__ import annotations
+
+from collections.abc import Hashable, Sequence
+from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import product
 
@@ -54,6 +56,14 @@ class Candidate:
         """Return the index of the parameter that is a time of the experiment; None: it has none."""
         timed = [k for k, p in enumerate(self.effect.parameters) if p.grid and not p.choices]
         return timed[0] if timed else None
+
+    def at_sizes(self, multiples: Sequence[float]) -> Candidate:
+        """Return it with multiples of the plausible sizes on its grid, instead of sizes to be estimated."""
+        sizes = dict(zip(self.effect.sizes, np.outer(self.prior, multiples).tolist(), strict=True))
+        parameters = enumerate(self.effect.parameters)
+        chosen = tuple(replace(p, grid=tuple(sizes[k])) if k in sizes else p for k, p in parameters)
+        settings = np.array(list(product(*(p.grid or (0.0,) for p in chosen))))
+        return replace(self, effect=replace(self.effect, parameters=chosen), settings=settings)
 
     def values(self, sizes: np.ndarray, point: int = 0) -> Values:
         """Return the values of all parameters for given sizes, (s,), at a point of the grid."""

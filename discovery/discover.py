@@ -22,6 +22,7 @@ from tulip_testbed.discovery.held_out import HeldOut, check_placements, held_out
 from tulip_testbed.discovery.joint_fit import JointFit
 from tulip_testbed.discovery.law_candidates import is_law, law_candidates
 from tulip_testbed.discovery.law_search import LawSelection, left_to_laws, select_laws
+from tulip_testbed.discovery.loose_parts import hidden_joints, speaks_of
 from tulip_testbed.discovery.patterns import Pattern, in_channels, patterns
 from tulip_testbed.discovery.pure_error import PureError, pure_error
 from tulip_testbed.discovery.selection import LEVEL, Selection, select, select_without
@@ -200,7 +201,8 @@ def _discover(
     # A law speaks of places in one laboratory, so none is searched for in several experiments together.
     joined = search.observed.measurements.experiments
     laws = [] if joined else law_candidates(selection.first.without_members(search.observed))
-    laws = [] if search.budget.spent else laws
+    hidden = hidden_joints(selection.fit.linear.smoothed, selection.fit.terms)
+    laws = [] if search.budget.spent else [law for law in laws if not speaks_of(law, hidden)]
     found, searched = None, bool(laws) and left_to_laws(search, selection, laws)
     described = select_laws(search, selection, laws, rng) if searched else None
     progress(1)
@@ -301,7 +303,8 @@ def _concluded(
     left = patterns(fit.linear, fit.residual, fit.columns)
     laws = [fit.terms[k].candidate.target for k in outside if is_law(fit.terms[k].candidate)]
     clearest = left[0]
-    tolerated = validation is not None and validation.holds and _inexact(laws, clearest, observed)
+    tolerated = _inexact(laws, clearest, observed) or _at_rest(fit, clearest)
+    tolerated = tolerated and validation is not None and validation.holds
     names = [fit.terms[k].candidate.effect.name for k in outside]
     reasons = _reasons(selection, None if tolerated else clearest, validation, fitted.lost)
     reasons = (*_crowded(names, selection.calibration.families), *reasons)
@@ -341,6 +344,11 @@ def _inexact(laws: Sequence[str], clearest: Pattern, observed: Observation) -> b
     """
     blamed = {name for law in laws for name in misread_by(observed, sentence_of(law))}
     return bool(laws) and (not clearest.reading or clearest.reading in blamed)
+
+
+def _at_rest(fit: JointFit, clearest: Pattern) -> bool:
+    """Return whether a pattern of the legs' closure may be where a link rests in its play."""
+    return "C" in clearest.channel and bool(hidden_joints(fit.linear.smoothed, fit.terms))
 
 
 def stands_out(selection: Selection, term: Fitted, error: np.ndarray) -> bool:

@@ -14,6 +14,7 @@ from tulip_testbed.discovery.candidate_search import (
     at_estimate,
 )
 from tulip_testbed.discovery.candidates import Fitted
+from tulip_testbed.discovery.loose_parts import hidden_joints, speaks_of
 from tulip_testbed.effects.instance import effect_label
 
 STANDS_OUT = 3.0  # largest of its family's spread and tolerance, beyond which a member is an effect
@@ -41,9 +42,12 @@ def with_unusual_members(
     refused: set[str] = set()
     while len(terms) < MOST_TERMS and not search.budget.spent:
         room = MOST_TERMS - len(terms)
-        found = [one for one in _unusual_members(search, calibration) if one.label not in refused]
+        hidden = hidden_joints(calibration.linear.smooth, terms)
+        found, wide = (
+            [one for one in some if one.label not in refused and not speaks_of(one.candidate, hidden)]
+            for some in (_unusual_members(search, calibration), _of_wide_families(search, calibration))
+        )
         together = [one for one in found if one.candidate.effect is found[0].candidate.effect][:room]
-        wide = [one for one in _of_wide_families(search, calibration) if one.label not in refused]
         if found:
             tries = [together, together[:1]] if len(together) > 1 else [together]
             tried_in_vain = {found[0].label}

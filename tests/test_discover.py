@@ -416,7 +416,7 @@ def with_families(**spreads):
     families = [SimpleNamespace(family=SimpleNamespace(name=name, targets=(1, 2))) for name in spreads]
     for one, spread in zip(families, spreads.values(), strict=True):
         one.spread, one.spread95 = spread, (spread / 2, spread * 2)
-    return SimpleNamespace(families=families)
+    return SimpleNamespace(families=families, linear=SimpleNamespace(smooth=None))
 
 
 @pytest.mark.parametrize(
@@ -452,22 +452,29 @@ def test_what_is_undone_exactly_is_judged_however_many_explain_a_gross_gap(monke
     """Of cells exchanged at `wii`, three faults of a knee explained more of what had to be exact."""
     near = [explains(f"knee-{k}", 1500.0) for k in range(3)]
     gain, logged, swapped = map(explains, ("gain", "logged", "swapped"), (900.0, 700.0, 600.0))
-    for one in (*near, gain, logged, swapped):
+    play, foot = explains("play", 1800.0), explains("foot", 9.0)
+    for one in (*near, gain, logged, swapped, play, foot):
         sizes, unsure = (0,) * (one not in (logged, swapped)), True if one is logged else None
         mechanism = SimpleNamespace(unsure=unsure)
         cast(Any, one.candidate).effect = SimpleNamespace(name=one.label, sizes=sizes, mechanism=mechanism)
     monkeypatch.setattr(candidate_search, "shortlist", lambda adopted, order: near)
     monkeypatch.setattr(candidate_search, "fit_in_addition", lambda adopted, one: one)
-    search = CandidateSearch(cast(Any, None), None, [])
+    search = CandidateSearch(cast(Any, []), None, [])
     monkeypatch.setattr(CandidateSearch, "ranked", lambda self, adopted: [*near, gain, logged, swapped])
-    assert search.shortest(cast(Any, SimpleNamespace(ranked={}))) == [*near, swapped]
+    adopted: Any = SimpleNamespace(
+        ranked={}, terms=(), labels=[], linear=SimpleNamespace(smoothed=None), partialled_out=None
+    )
+    assert search.shortest(adopted) == [*near, swapped]
+    monkeypatch.setattr(candidate_search, "loosest", lambda linear, others: [play, foot])
+    adopted.ranked.clear()
+    assert search.shortest(adopted) == [*near, play, swapped]
 
 
 @pytest.mark.parametrize(("gain", "added"), [(3.5, True), (2.5, False)])
 def test_a_decisive_member_is_added_whatever_family_is_too_wide_then(monkeypatch, gain, added):
     """A gain took up the cross-talk that its family had hidden."""
     member: Any = explains("cell-gain", 0.0)
-    member.candidate.effect = SimpleNamespace(name="gain")
+    member.candidate.effect = SimpleNamespace(name="gain", sizes=(), misreads=True)
     before, after = with_families(gain=6.0, crosstalk=1.0), with_families(gain=1.0, crosstalk=6.0)
     wide = {id(before): [member], id(after): []}
     module = "tulip_testbed.discovery.unusual_members"
