@@ -49,7 +49,7 @@ from tulip_testbed.identification.residual_channels import (
 from tulip_testbed.identification.residual_noise import noise_of, with_cell_noise
 
 ROUNDS = 16
-BEYOND_DOUBT = 4.0  # s.e. by which a member that cannot be negative is so
+BEYOND_DOUBT = 4.0  # s.e. by which a member is negative that cannot be
 NEARLY_TIPPED = 0.8  # of the compliance with which a robot would tip over
 WORSE = 10.0  # ln of the evidence, by which the last linearisation may lie below the best
 LASTING, LASTING_ROUNDS = NoiseInTime(0.9, 4.0), 4
@@ -71,12 +71,12 @@ def self_calibrate(
     start: SelfCalibration | None = None,
     residual_covariance: ResidualCovariance | None = None,
     rounds: int = ROUNDS,
+    absent: tuple[str, ...] | None = None,
 ) -> SelfCalibration:
     """Estimate base parameters and members.
 
     Nothing yields against its load. Where a compliance of a robot at rest would be negative beyond doubt,
-    something else is wrong, such as a play in a joint that bears no load, and its family is left out. An
-    estimate that begins at another one has its families.
+    something else is wrong, such as a play in a joint that bears no load, and the compliances are left out.
 
     Args:
         observed: the experiment.
@@ -88,16 +88,21 @@ def self_calibrate(
             several estimates can be compared: it depends on how well the compliances are known. None: that of
             the members found.
         rounds: largest number of linearisations.
+        absent: families that are left out; None: those of the start, or those that would be negative.
 
     Raises:
         InputError: an unknown family or an impossible tolerance.
         numpy.linalg.LinAlgError: readings that are not finite, or postures that do not suffice.
     """
-    absent = () if start is None else start.absent
-    found = _calibrated(observed, tolerances, effects, start, residual_covariance, rounds, absent)
-    while start is None and not observed.moves and found.steady and (wrong := _negative(found)):
-        absent = *absent, *wrong
-        found = _calibrated(observed, tolerances, effects, None, residual_covariance, rounds, absent)
+    given = absent if start is None or absent is not None else start.absent
+    left_out = given or ()
+    found = _calibrated(observed, tolerances, effects, start, residual_covariance, rounds, left_out)
+    while given is None and not observed.moves and found.steady and (wrong := _negative(found)):
+        left_out = *left_out, *wrong
+        try:
+            found = _calibrated(observed, tolerances, effects, None, residual_covariance, rounds, left_out)
+        except np.linalg.LinAlgError:
+            break
     return found
 
 
@@ -207,8 +212,11 @@ def _calibrated(
 
 def _negative(found: SelfCalibration) -> list[str]:
     """Name the families of which a member is negative beyond doubt and cannot be."""
-    families = [one for one in found.families if one.family.positive]
-    return [one.family.name for one in families if (one.value < -BEYOND_DOUBT * one.standard_error).any()]
+    return [
+        one.family.name
+        for one in found.families
+        if one.family.positive and (one.value + one.family.center < -BEYOND_DOUBT * one.standard_error).any()
+    ]
 
 
 def _of_weight(clean: Observation) -> float:

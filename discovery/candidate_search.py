@@ -97,12 +97,14 @@ class CandidateSearch:
         start: SelfCalibration | None,
         covariance: ResidualCovariance | None = None,
         rounds: int = ROUNDS,
+        absent: tuple[str, ...] | None = None,
     ) -> SelfCalibration:
         """Calibrate with some effects, see `self_calibrate`, or recall what was found before."""
-        key = key_of(terms), id(start), id(covariance), rounds
+        key = key_of(terms), id(start), id(covariance), rounds, absent
         if key not in self.known:
             instances = [term.instance for term in terms]
-            found = self_calibrate(self.observed, self.tolerances, instances, start, covariance, rounds)
+            how = start, covariance, rounds, absent
+            found = self_calibrate(self.observed, self.tolerances, instances, *how)
             while len(self.known) * len(self.observed) > KEPT_ROWS:
                 del self.known[next(iter(self.known))]
             self.known[key] = (start, covariance), found
@@ -143,7 +145,9 @@ class CandidateSearch:
             if glance is not None and glance.calibration.moved < STANDS:
                 return glance  # more linearisations would end at once
         try:
-            found = self.calibration(terms, None, rounds=AFRESH) if afresh else begin or start
+            found = begin or start
+            if afresh:  # what is compared has the same families
+                found = self.calibration(terms, None, None, AFRESH, start.absent)
             for _ in range(TRIES):
                 found = self.calibration(terms, found, covariance)
                 if found.moved < RESTS:

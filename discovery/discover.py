@@ -302,12 +302,14 @@ def _concluded(
     outside, equivalents = fitted.outside, fitted.equivalents
     left = patterns(fit.linear, fit.residual, fit.columns)
     laws = [fit.terms[k].candidate.target for k in outside if is_law(fit.terms[k].candidate)]
-    clearest = left[0]
-    tolerated = _inexact(laws, clearest, observed) or _at_rest(fit, clearest)
-    tolerated = tolerated and validation is not None and validation.holds
+    holds = validation is not None and validation.holds
+    hidden = hidden_joints(fit.linear.smoothed, fit.terms) if holds else set[str]()
+    clearest = next((one for one in left if not _is_rest(one, hidden)), left[0])
+    tolerated = holds and (_inexact(laws, clearest, observed) or _is_rest(clearest, hidden))
     names = [fit.terms[k].candidate.effect.name for k in outside]
+    absent = () if outside else selection.calibration.absent
     reasons = _reasons(selection, None if tolerated else clearest, validation, fitted.lost)
-    reasons = (*_crowded(names, selection.calibration.families), *reasons)
+    reasons = (*_crowded(names, selection.calibration.families), *map(_negative, absent), *reasons)
     verdict = _verdict(selection, reasons, [equivalents[k] for k in outside], bool(laws))
     adopted = tuple(with_intervals(fit, k) for k in range(len(fit.terms)))
     null = selection.null
@@ -346,9 +348,9 @@ def _inexact(laws: Sequence[str], clearest: Pattern, observed: Observation) -> b
     return bool(laws) and (not clearest.reading or clearest.reading in blamed)
 
 
-def _at_rest(fit: JointFit, clearest: Pattern) -> bool:
-    """Return whether a pattern of the legs' closure may be where a link rests in its play."""
-    return "C" in clearest.channel and bool(hidden_joints(fit.linear.smoothed, fit.terms))
+def _is_rest(pattern: Pattern, hidden: set[str]) -> bool:
+    """Return whether a pattern of the legs' closure may be where the links of hidden joints rest."""
+    return bool(hidden) and (pattern.reading in hidden or (pattern.channel == "C" and not pattern.reading))
 
 
 def stands_out(selection: Selection, term: Fitted, error: np.ndarray) -> bool:
@@ -405,6 +407,10 @@ def _crowded(names: Sequence[str], families: Sequence[CalibratedFamily]) -> list
                 "cause that the catalogue lacks is likelier."
             )
     return out
+
+
+def _negative(family: str) -> str:
+    return f"Members of the family {family} would be negative beyond doubt, which they cannot be."
 
 
 def _verdict(

@@ -91,7 +91,8 @@ def _rest(observed: Observation, target: str, half: float) -> tuple[np.ndarray, 
     turn = loads.torques[:, column] / stiffness
     sd = np.maximum(loads.doubt[:, column] / stiffness, 1e-12)
     low, high = (-half - turn) / sd, (half - turn) / sd
-    # The larger the range of loads under which the link would rest between its ends, the likelier it does.
+    # Between the ends a turn by d takes up a load of held times d, of which cells do not show stiffness times
+    # d. The larger that range of loads, the more likely the link rests there.
     more = np.maximum(loads.held[:, column] / stiffness, 1.0)
     below, between, above = ndtr(low), more * (ndtr(high) - ndtr(low)), ndtr(-high)
     edge_low, edge_high = (more * np.exp(-0.5 * edge**2) / np.sqrt(2 * np.pi) for edge in (low, high))
@@ -130,8 +131,8 @@ EFFECTS = (
         a dead band as wide as the play and a stiff spring beyond it.
 
         The torque on a joint is known within a few tenths of a newton metre. Where the load is no larger, the
-        link may rest anywhere in its play; the prediction is the mean, and `unsure` the spread about it. Of a
-        play between whose ends the link mostly rests, little more is known than the part that it used.
+        link may rest anywhere in its play; the prediction is the mean, and `unsure` the spread about it. If
+        it mostly rests between the ends, the data show little more of the play than the part that it used.
         """,
     ),
 )

@@ -19,9 +19,8 @@ FRICTION = 5.0  # times that if each row counts by itself: friction is alike in 
 ZERO = np.radians(0.15)  # s.d. of an encoder's zero, assumed
 LITTLE = 0.01  # precision of the part of the sag that is left before any data, assumed
 MOVING = 2.0  # times that, of a robot that moves: the feet stay where they were put down
-MISPLACED = (
-    0.002  # m, s.d. of the point of a foot's load by what its cells and their place do not say, assumed
-)
+# m, s.d. of the point of a foot's load beyond the noise of its cells and that of their place, assumed.
+MISPLACED = 0.002
 
 
 @dataclass(frozen=True)
@@ -185,9 +184,7 @@ def joint_loads(
     turns = closed @ closing
     yields = turns * (1 / servo_stiffness - (1 - left) / servo_gain)
     all_levers = np.concatenate([unknown, seen * both[:, None, None]], axis=2)
-    resisting = (
-        all_levers @ _inverted(all_levers.mT @ (all_levers / servo_stiffness[:, None])) @ all_levers.mT
-    )
+    resisting = _inverted(all_levers.mT @ (all_levers / servo_stiffness[:, None]))
     push = -(yields @ torque[..., None] + turns @ (friction / servo_gain)[..., None])[..., 0]
     return Loads(
         torques=torque + (unknown @ push[..., None])[..., 0],
@@ -196,7 +193,7 @@ def joint_loads(
         levers=unknown,
         turns=turns,
         yields=yields,
-        held=np.diagonal(resisting, axis1=1, axis2=2),
+        held=np.einsum("mni,mij,mnj->mn", all_levers, resisting, all_levers, optimize=True),
         geometry=geometry,
         cells=cells,
         bears=bears,
@@ -233,7 +230,7 @@ def _in_motion(
 
 
 def _inverted(square: np.ndarray) -> np.ndarray:
-    """Invert matrices, (m, 3, 3); a small term keeps it finite where the legs leave a component free."""
+    """Invert matrices, (m, k, k); a small term keeps it finite where the legs leave a component free."""
     scale = np.trace(square, axis1=1, axis2=2)[:, None, None]
     return np.linalg.inv(square + ROUNDING * np.where(scale > 0, scale, 1.0) * np.eye(square.shape[1]))
 

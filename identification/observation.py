@@ -311,7 +311,7 @@ class Observation:
             self.cell_places.reshape(len(self), 2, -1, 2),
             self.contacts.bears,
             self.cell_sd,
-            max((self.measurements.sensors.placement_sd or (0.0, 0.0))[:2]),
+            0.0 if self.in_feet else max((self.measurements.sensors.placement_sd or (0.0, 0.0))[:2]),
             self.measurements.support == "double",
             self.servo_stiffness,
             self.servo_gain,

@@ -7,10 +7,11 @@ import numpy as np
 import pytest
 
 import tulip_testbed as tt
-from tulip_testbed.calibration.self_calibration import self_calibrate
+from tulip_testbed.calibration.self_calibration import _negative, self_calibrate
 from tulip_testbed.discovery.candidates import candidates
-from tulip_testbed.discovery.discover import discover
+from tulip_testbed.discovery.discover import _is_rest, discover
 from tulip_testbed.discovery.loose_parts import hidden_joints, speaks_of
+from tulip_testbed.discovery.patterns import Pattern
 from tulip_testbed.effects.catalogue import catalogue
 from tulip_testbed.effects.laws import law_effect
 from tulip_testbed.identification.nominal import nominal_robot
@@ -38,10 +39,23 @@ def test_no_joint_yields_against_its_load(observed):
     begun = self_calibrate(observed, start=found, rounds=1)
     assert begun.absent == found.absent  # what begins at another has its families
     play = tt.EffectInstance(catalogue()["backlash"], JOINT, (WIDTH,))
+    assert not self_calibrate(observed, rounds=1, absent=()).absent
     sized = self_calibrate(observed, effects=[play], start=found)
     assert sized.solved.log_evidence > found.solved.log_evidence + 50
 
 
+@pytest.mark.parametrize(("center", "negative"), [(0.0, True), (0.002, False)])
+def test_a_compliance_is_negative_with_its_mean(center, negative):
+    family = SimpleNamespace(name="joint-compliance", positive=True, center=np.array([center, center]))
+    known = SimpleNamespace(
+        family=family, value=np.array([1e-4, -1e-3]), standard_error=np.array([2e-4, 2e-4])
+    )
+    other = SimpleNamespace(family=SimpleNamespace(positive=False))
+    found: Any = SimpleNamespace(families=(known, other))
+    assert _negative(found) == (["joint-compliance"] if negative else [])
+
+
+@pytest.mark.slow
 def test_a_play_between_whose_ends_the_link_rests_is_named(measured, robot):
     found = discover(measured, robot)
     assert found.verdict == "named"
@@ -58,6 +72,7 @@ def test_what_rests_unseen_hides_its_encoder(observed):
     # A knee is loaded: its link rests at an end, and the readings show at which.
     assert not hidden_joints(observed, [_term("backlash", "left_knee", 0.002)])
     assert not hidden_joints(observed, [_term("encoder-offset", JOINT, 0.01)])
+    assert not hidden_joints(observed, [_term("rocking", "left.rear_left", 0.0003)])
     sentence = f"encoder:{JOINT}/leg-load/linear"
     law: Any = SimpleNamespace(effect=law_effect(sentence), target=sentence)
     gain: Any = _term("encoder-gain", JOINT, 0.01).candidate
@@ -65,6 +80,16 @@ def test_what_rests_unseen_hides_its_encoder(observed):
         assert speaks_of(told, {JOINT})
         assert not speaks_of(told, {"right_knee"})
     assert not speaks_of(_term("joint-compliance", JOINT, 0.001).candidate, {JOINT})
+
+
+@pytest.mark.parametrize(
+    ("channel", "reading", "rests"),
+    [("C", "", True), ("AC", JOINT, True), ("AC", "right_knee", False), ("AC", "", False), ("A", "", False)],
+)
+def test_where_a_link_rests_leaves_a_pattern_in_the_closure_of_the_legs(channel, reading, rests):
+    pattern = Pattern(channel, "", 0.0, 0, 0.0, 0.0, reading)
+    assert _is_rest(pattern, {JOINT}) == rests
+    assert not _is_rest(pattern, set())
 
 
 def test_loose_parts_are_ranked_at_plausible_sizes(observed):
