@@ -311,7 +311,7 @@ class CandidateSearch:
         """List the few candidates that explain most in addition to the adopted terms, the best first.
 
         Linear columns rank badly what a gross gap needs. Then others are listed too: the loosest part, the
-        best of other kinds, and the best that is undone exactly, as exchanged cells, whatever else is wrong.
+        best of other kinds, and the best that is undone exactly, as exchanged cells.
         """
         key = tuple(candidate.label for candidate in self.candidates)
         if key not in adopted.ranked:
