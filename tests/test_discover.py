@@ -416,7 +416,8 @@ def with_families(**spreads):
     families = [SimpleNamespace(family=SimpleNamespace(name=name, targets=(1, 2))) for name in spreads]
     for one, spread in zip(families, spreads.values(), strict=True):
         one.spread, one.spread95 = spread, (spread / 2, spread * 2)
-    return SimpleNamespace(families=families, linear=SimpleNamespace(smooth=None))
+    smooth = SimpleNamespace(tree=SimpleNamespace(joints=()))
+    return SimpleNamespace(families=families, linear=SimpleNamespace(smooth=smooth))
 
 
 @pytest.mark.parametrize(
