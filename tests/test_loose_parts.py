@@ -14,6 +14,7 @@ from tulip_testbed.discovery.loose_parts import hidden_joints, speaks_of
 from tulip_testbed.discovery.patterns import Pattern
 from tulip_testbed.effects.catalogue import catalogue
 from tulip_testbed.effects.laws import law_effect
+from tulip_testbed.experiments.identify import identify, warn_of_unrest
 from tulip_testbed.identification.nominal import nominal_robot
 from tulip_testbed.identification.observation import observe
 
@@ -42,6 +43,13 @@ def test_no_joint_yields_against_its_load(observed):
     assert not self_calibrate(observed, rounds=1, absent=()).absent
     sized = self_calibrate(observed, effects=[play], start=found)
     assert sized.solved.log_evidence > found.solved.log_evidence + 50
+
+
+def test_who_identifies_is_told_of_negative_compliances(measured, robot):
+    with pytest.warns(
+        tt.InputWarning, match="joint-compliance.* negative beyond doubt.* `discover` says more"
+    ):
+        warn_of_unrest(identify(measured, robot), "loose")
 
 
 @pytest.mark.parametrize(("center", "negative"), [(0.0, True), (0.002, False)])
