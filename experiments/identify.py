@@ -40,8 +40,8 @@ def warn_of_unrest(found: Identification, source: str) -> None:
     """Warn of a self-calibration that did not come to rest, or in which parts would yield the wrong way."""
     if found.calibration is not None and (absent := found.calibration.absent):
         warn(
-            f"{source}: found {listed(absent)} negative beyond doubt, expected none below zero: something else "
-            "is wrong; `discover` says more"
+            f"{source}: found {listed(absent)} negative beyond doubt, expected none below zero: "
+            "something else is wrong; `discover` says more"
         )
     if found.calibration is not None and not found.at_rest:
         wide = found.calibration.at_bound
