@@ -172,8 +172,8 @@ def test_where_a_link_rests_in_its_play_is_a_clipped_normal(robot, plan):
     assert not np.delete(off, at, axis=1).any()
 
 
-@pytest.mark.parametrize("joint", ["left_hip_roll", "left_ankle_roll"])
-def test_how_well_the_rest_in_a_play_is_known_is_estimated(robot, plan, joint):
+@pytest.mark.parametrize(("joint", "most"), [("left_hip_roll", 0.8), ("left_ankle_roll", 1.0)])
+def test_how_well_the_rest_in_a_play_is_known_is_estimated(robot, plan, joint, most):
     """The tilt of the swing foot shows where the link rests, encoders being ten times as exact."""
     effect, observed = one_effect(robot, plan, f"backlash:{joint}", 0.009)
     play: Any = effect.effect
@@ -186,6 +186,7 @@ def test_how_well_the_rest_in_a_play_is_known_is_estimated(robot, plan, joint):
     off = (residuals(clean, theta)[:, tilt] * slope).sum(axis=1) / (slope**2).sum(axis=1)
     unknown = spread[:, at] > 0.3 * 0.009 / 2
     shown = (off - np.median(off))[unknown] / spread[unknown, at]
+    assert scale < most  # in an exact laboratory the load is known better than assumed
     assert scale == pytest.approx(shown.std(), rel=0.2)
 
 
