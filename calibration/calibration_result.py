@@ -165,15 +165,20 @@ class SelfCalibration:
         """Return the readings with the members of all families removed; the effects are left in them."""
         families = [calibrated.family for calibrated in self.families]
         phi = np.concatenate([np.zeros(0), *(calibrated.value for calibrated in self.families)])
+        # Members are those of the cells themselves. To exchange their readings again puts an exchange back.
+        exchanged = [one for one in self.effects if one.effect.exchanges]
+        observed = removed(observed, exchanged)
         plain = members_removed(observed, families, phi, self.theta, self.covariance)
-        if not self.effects:
-            return plain
+        others = [one for one in self.effects if one not in exchanged]
+        if not others:
+            return removed(plain, exchanged)
         # Members are removed from readings that have no effects any more, and the effects are put back:
         # a large effect and the removal of a member are not additive. What an effect changes is taken from
         # readings without members, since it is removed from such.
-        clean = self.cleaned(observed).weighing(observed.heavier)
+        clean = replace(self, effects=tuple(others)).cleaned(observed).weighing(observed.heavier)
         loads = replace(plain, standard=clean.standard, servo_stiffness=clean.servo_stiffness)
-        return unpacked(loads, packed(moved_by(clean, removed(loads, self.effects), loads)))
+        put_back = unpacked(loads, packed(moved_by(clean, removed(loads, others), loads)))
+        return removed(put_back, exchanged)
 
     def log_evidence_about(self, start: SelfCalibration) -> float:
         """Return ln of the evidence, to be compared with that of other estimates about the same start.

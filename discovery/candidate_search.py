@@ -40,6 +40,7 @@ GLANCED_NEAR = 15.0  # ln of the evidence at a glance, by which others that are 
 GLANCED = 0.2  # of the best gain at a glance: by so much more
 KEPT_CHANGES = 3  # sets of effects of which the candidates' changes are kept
 KEPT_FITS, KEPT_ROWS = 4, 6000  # calibrations whose fits are kept; rows of all calibrations that are kept
+ZERO_WITHIN = 2.0  # s.e.
 ORDINARY = 1.0  # tolerances: the largest spread of a family in the search
 Key = tuple[tuple[str, tuple[float, ...]], ...]  # labels and values of effects
 
@@ -336,8 +337,7 @@ class CandidateSearch:
         others = [one for kind, one in best.items() if kind not in found]
         room = max(JUDGED - len(found), 0)
         first, rest = others[:room], others[room:]
-        kinds = [(one, one.candidate.effect) for one in rest]
-        exact = [one for one, kind in kinds if not kind.sizes and kind.mechanism.unsure is None]
+        exact = [one for one in rest if one.candidate.effect.exchanges]
         return near + [fit_in_addition(adopted, one) for one in first + exact[:1]]
 
 
@@ -356,12 +356,16 @@ class Judged:
 
     @property
     def possible(self) -> bool:
-        """Return whether no size is negative that cannot be."""
-        return all(
-            size > 0 or not positive
-            for term in self.terms
-            for size, positive in zip(term.sizes, term.candidate.positive, strict=True)
-        )
+        """Return whether no size is negative that cannot be.
+
+        Beside another of the same effect, one may be negative by as much as noise makes of zero.
+        """
+        for term, errors in zip(self.terms, self.calibration.effect_errors, strict=True):
+            positive = term.candidate.positive
+            sizes = term.sizes[positive]
+            if sizes.size and (sizes.max() <= 0 or (sizes < -ZERO_WITHIN * errors[positive]).any()):
+                return False
+        return True
 
     @property
     def steady(self) -> bool:

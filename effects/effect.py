@@ -168,6 +168,11 @@ class Effect:
         """Return when it acts: 0 on the robot, 1 on readings, 2 on which reading has which name."""
         return 0 if not self.misreads else 1 if self.sizes else 2
 
+    @property
+    def exchanges(self) -> bool:
+        """Whether it exchanges readings: it is undone exactly, by exchanging them again."""
+        return self.stage == 2 and self.mechanism.unsure is None
+
     def refusal(self, values: Values) -> str:
         """Say why these values do not fit each other, "" if they do."""
         return ""

@@ -127,6 +127,17 @@ def test_effects_are_put_back_as_they_are_removed(ordinary, found, robot, nomina
     assert packed(removed(members_out, effects)) == pytest.approx(packed(clean), abs=1e-6)
 
 
+def test_exchanged_cells_keep_their_own_members(ordinary, found, robot, nominal):
+    observed = observe(ordinary[0].measurements, nominal)
+    exchanged = instances_of(["swapped-cells:left=front_left,rear_right", "tilt=0,0.03"], robot)
+    effects = sorted(exchanged, key=lambda one: one.effect.exchanges)
+    both = dataclasses.replace(found, effects=tuple(effects))
+    swapped = removed(observed, [effects[-1]])  # as exchanging them does
+    restored = removed(both.without_members(swapped), effects)
+    plain = dataclasses.replace(found, effects=tuple(effects[:-1])).cleaned(observed)
+    assert packed(restored) == pytest.approx(packed(plain), abs=1e-6)
+
+
 def test_zeros_that_wander_are_estimated_however_they_wander(ordinary, nominal):
     """Paths of sines and of the square of time, not of the waves that the families have."""
     measured = ordinary[0].measurements
