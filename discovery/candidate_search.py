@@ -358,7 +358,7 @@ class Judged:
     def possible(self) -> bool:
         """Return whether no size is negative that cannot be.
 
-        Beside another of the same effect, one may be negative by as much as noise makes of zero.
+        Next to another of the same effect, one may be negative by as much as noise makes of zero.
         """
         for term, errors in zip(self.terms, self.calibration.effect_errors, strict=True):
             positive = term.candidate.positive

@@ -45,6 +45,7 @@ from tulip_testbed.identification.residual_noise import noise_of
 LEVEL = 0.005  # of the test of all effects, and of that of the four channels: 0.01 in all
 
 AGAIN = 4  # alternatives of each term, at most, that are compared by self-calibration
+Found = tuple[SelfCalibration, tuple[Fitted, ...], bool]  # with the terms, and whether they suffice
 RANKED = 12  # candidates that are kept for each term, however far behind
 
 
@@ -201,9 +202,10 @@ def _selected(
     progress: Callable[[int], None] = lambda count: None,
 ) -> Selection:
     """Add effects to some terms, whose calibration is given, until none is decisive."""
-    calibration, terms, complete = _forward(
-        search, selection.null, calibration, terms, selection.tests, progress
-    )
+    found = _forward(search, selection.null, calibration, terms, selection.tests, progress)
+    if not found[2] and not search.budget.spent:
+        found = _begun_otherwise(search, selection, calibration, terms, found, progress)
+    calibration, terms, complete = found
     calibration, terms = with_unusual_members(search, calibration, terms)
     fit, _ = search.fits(calibration, terms)
     others = [alternatives_of(search, fit, k) for k in range(len(terms))]
@@ -222,6 +224,31 @@ def _selected(
     return replace(selection, alternatives=tuple(near))
 
 
+def _begun_otherwise(
+    search: CandidateSearch,
+    selection: Selection,
+    start: SelfCalibration,
+    terms: tuple[Fitted, ...],
+    found: Found,
+    progress: Callable[[int], None],
+) -> Found:
+    """Search again without the effect that was chosen first, and return what has more evidence.
+
+    Where all effects that may be adopted do not suffice, the first may have stood for several others: for two
+    plays, the best single effect is none of them.
+
+    Args:
+        start, terms: where the search began. found: how it ended.
+    """
+    known = {term.label for term in terms}
+    first = next((term.label for term in found[1] if term.label not in known), None)
+    fewer = replace(search, candidates=[one for one in search.candidates if one.label != first])
+    again = _forward(fewer, selection.null, start, terms, selection.tests, progress)
+    judged = [search.tried(several, start) for _, several, _ in (found, again)]
+    evidence = [-np.inf if one is None or not one.possible else one.evidence for one in judged]
+    return again if evidence[1] > evidence[0] else found
+
+
 def _forward(
     search: CandidateSearch,
     null: JointFit,
@@ -229,7 +256,7 @@ def _forward(
     terms: tuple[Fitted, ...],
     tests: float,
     progress: Callable[[int], None],
-) -> tuple[SelfCalibration, tuple[Fitted, ...], bool]:
+) -> Found:
     """Add the best candidate, or pair, while it is decisive; also return whether no further one is known."""
     before = []
     while len(terms) < MOST_TERMS and not search.budget.spent:

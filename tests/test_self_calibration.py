@@ -29,6 +29,7 @@ from tulip_testbed.discovery.joint_fit import Data, gauss_newton
 from tulip_testbed.discovery.patterns import patterns
 from tulip_testbed.discovery.selection import _may_be_usual
 from tulip_testbed.discovery.unusual_members import too_wide
+from tulip_testbed.effects.catalogue import catalogue
 from tulip_testbed.effects.instance import instances_of, removed
 from tulip_testbed.experiments.identify import identify, warn_of_unrest
 from tulip_testbed.identification.base_parameters import standard_parameters
@@ -130,6 +131,7 @@ def test_effects_are_put_back_as_they_are_removed(ordinary, found, robot, nomina
 def test_exchanged_cells_keep_their_own_members(ordinary, found, robot, nominal):
     observed = observe(ordinary[0].measurements, nominal)
     exchanged = instances_of(["swapped-cells:left=front_left,rear_right", "tilt=0,0.03"], robot)
+    assert [one.name for one in catalogue().values() if one.exchanges] == ["swapped-cells"]
     effects = sorted(exchanged, key=lambda one: one.effect.exchanges)
     both = dataclasses.replace(found, effects=tuple(effects))
     swapped = removed(observed, [effects[-1]])  # as exchanging them does
