@@ -174,11 +174,12 @@ class SelfCalibration:
             return removed(plain, exchanged)
         # Members are removed from readings that have no effects any more, and the effects are put back:
         # a large effect and the removal of a member are not additive. What an effect changes is taken from
-        # readings without members, since it is removed from such.
+        # readings without members, since it is removed from such; at first members are removed alone.
         clean = replace(self, effects=tuple(others)).cleaned(observed).weighing(observed.heavier)
-        loads = replace(plain, standard=clean.standard, servo_stiffness=clean.servo_stiffness)
-        put_back = unpacked(loads, packed(moved_by(clean, removed(loads, others), loads)))
-        return removed(put_back, exchanged)
+        out = replace(plain, standard=clean.standard, servo_stiffness=clean.servo_stiffness)
+        for _ in range(2):
+            out = unpacked(out, packed(moved_by(clean, removed(out, others), out)))
+        return removed(out, exchanged)
 
     def log_evidence_about(self, start: SelfCalibration) -> float:
         """Return ln of the evidence, to be compared with that of other estimates about the same start.

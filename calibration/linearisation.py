@@ -18,6 +18,7 @@ from tulip_testbed.calibration.free_effect import FreeEffect
 from tulip_testbed.calibration.linear_model import nuisances, weighed_precision, without_noise
 from tulip_testbed.calibration.linear_problem import LinearProblem
 from tulip_testbed.calibration.member_columns import member_columns
+from tulip_testbed.effects.instance import OF_LOADS
 from tulip_testbed.identification.joint_loads import UNSEEN
 from tulip_testbed.identification.load_rates import PLATES, load_rates, soles_by_wrench
 from tulip_testbed.identification.noise_in_time import Decorrelation
@@ -60,7 +61,6 @@ PUT_DOWN, SQUEEZE_PRIOR = np.array([0.002, 0.002, 0.004]), 0.7
 LOOSE_PRIOR = 0.7
 CHANNELS = "AFTC"
 Families = Sequence[Family | FreeEffect]
-OF_LOADS = ("joint-compliance", "sole-compliance", "foot-compliance")
 # With CAD as prior data say too little of how wide a family is, but of this one.
 OF_CONTACTS = ("foot-compliance", "foot-damping")
 

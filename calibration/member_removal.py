@@ -13,8 +13,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from tulip_testbed.calibration.linearisation import OF_LOADS, Families, joint_compliance, split_members
-from tulip_testbed.effects.instance import misread_in_feet, removed, removed_at
+from tulip_testbed.calibration.linearisation import Families, joint_compliance, split_members
+from tulip_testbed.effects.instance import OF_LOADS, misread_in_feet, removed, removed_at
 from tulip_testbed.identification.base_parameters import standard_parameters
 from tulip_testbed.identification.cad_prior import CENTER_SD, MASS_SD
 from tulip_testbed.identification.observation import Observation

@@ -25,6 +25,7 @@ from tulip_testbed.sim.robot import Robot
 
 MOST_PRIORS = 100.0  # a value of more prior standard deviations than this is refused as a wrong unit
 DOUBTFUL_PRIORS = 10.0  # a value of more is doubtful
+OF_LOADS = ("joint-compliance", "sole-compliance", "foot-compliance")  # by which parts yield to their loads
 LEANING = ("sole-compliance", "foot-compliance", "foot-damping")  # effects by which feet lean
 
 
@@ -376,5 +377,14 @@ def as_manipulated(instances: Sequence[EffectInstance], experiment: Experiment) 
 
 
 def _in_order(instances: Sequence[EffectInstance]) -> list[EffectInstance]:
-    """Sort effects by their stages; gravity turns first, that of the masses that are added later too."""
-    return sorted(instances, key=lambda found: (found.effect.stage, found.effect.name != "tilt"))
+    """Sort effects by their stages.
+
+    Parts that yield to loads come first: their loads are known once everything else is removed. Gravity turns
+    next, that of the masses that are added later too.
+    """
+
+    def order(one: EffectInstance) -> tuple[int, bool, bool]:
+        name = one.effect.name
+        return one.effect.stage, name not in (*OF_LOADS, "backlash"), name != "tilt"
+
+    return sorted(instances, key=order)

@@ -129,6 +129,7 @@ def joint_loads(
     sag: np.ndarray,
     friction: np.ndarray,
     of_links: np.ndarray,
+    pushes: np.ndarray,
 ) -> Loads:
     """Compute the loads of joints and feet from the nominal robot and the cells.
 
@@ -154,6 +155,8 @@ def joint_loads(
         friction: torque of dry friction on each joint that turns, against its rate, (m, n_joints) [Nm]. A
             servo sags under it, and no feed-forward takes that off.
         of_links: what each link needs beyond its weight, (m, n_links, 6) [N, Nm]; (0, ...): it is held.
+        pushes: horizontal force of the ground on the feet by which it resists what pulls at the torso, (m, 2)
+            [N]. No feed-forward knows it. The torsion that it needs is left out.
     """
     mass = geometry.standard[:, 0].sum()
     # The wrench of the ground on the swing foot acts on every joint between it and the base.
@@ -170,6 +173,7 @@ def joint_loads(
     torque = weight / mass * carried + (upward * down[:, None]).sum(axis=2)
     if moves := len(of_links) > 0:
         torque = torque + _in_motion(geometry, of_links, place, of_stance_leg, carries)
+    resisted = _resisted(geometry, pushes, place, carries)
     x, y, z = np.moveaxis(lever[:, :, 1] * between[:, None], -1, 0)
     unknown = np.stack([z * ay - y * az, x * az - z * ax, az * between], axis=-1)
     # In single support the swing foot bears no load.
@@ -185,9 +189,10 @@ def joint_loads(
     yields = turns * (1 / servo_stiffness - (1 - left) / servo_gain)
     all_levers = np.concatenate([unknown, seen * both[:, None, None]], axis=2)
     resisting = _inverted(all_levers.mT @ (all_levers / servo_stiffness[:, None]))
-    push = -(yields @ torque[..., None] + turns @ (friction / servo_gain)[..., None])[..., 0]
+    sags = friction / servo_gain + resisted / servo_stiffness
+    push = -(yields @ torque[..., None] + turns @ sags[..., None])[..., 0]
     return Loads(
-        torques=torque + (unknown @ push[..., None])[..., 0],
+        torques=torque + resisted + (unknown @ push[..., None])[..., 0],
         internal_wrench=push,
         closed=closed * both[:, None, None],
         levers=unknown,
@@ -203,6 +208,16 @@ def joint_loads(
         carries=carries,
         unseen=UNSEEN * (MOVING if moves else 1.0),
     )
+
+
+def _resisted(
+    geometry: PostureGeometry, pushes: np.ndarray, place: np.ndarray, carries: np.ndarray
+) -> np.ndarray:
+    """Compute the torques of a horizontal force on the foot that carries, (m, n_joints) [Nm]."""
+    foot = geometry.on_swing_foot.astype(int)
+    lever = place[np.arange(len(foot)), foot][:, None] - geometry.pivots
+    force = np.concatenate([pushes, np.zeros((len(pushes), 1))], axis=1)[:, None]
+    return carries[:, foot].T * (geometry.axes * np.cross(lever, force)).sum(axis=2)
 
 
 def _in_motion(

@@ -318,6 +318,7 @@ class Observation:
             self.sag,
             self.friction,
             self.motion.of_links,
+            self.weight * (self.push - self.motion.by_cad[:, 3:] if self.moves else self.push),
         )
 
     @property

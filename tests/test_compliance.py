@@ -12,6 +12,7 @@ from tests.edited_rows import within
 from tulip_testbed.calibration.linearisation import LOOSE, sources_of
 from tulip_testbed.calibration.self_calibration import self_calibrate
 from tulip_testbed.effects.catalogue import catalogue
+from tulip_testbed.effects.instance import removed
 from tulip_testbed.effects.joint import LEAST_STIFFNESS
 from tulip_testbed.identification.nominal import nominal_robot
 from tulip_testbed.identification.observation import observe
@@ -153,6 +154,22 @@ def test_a_leg_s_loads_come_from_its_own_foot(robot, plan):
     assert (
         alone.doubt[:, m.joints.index(STANCE_LEG)] > 0.1
     ).all()  # the point of the load is uncertain there too
+
+
+@pytest.mark.parametrize(
+    ("name", "sizes"), [("tether-spring", (150.0,)), ("tether", (6.0, 4.0)), ("tilt", (0.03, 0.03))]
+)
+def test_what_pulls_sideways_loads_the_legs(robot, plan, name, sizes):
+    """The servos bear it: their errors are another route to the loads."""
+    few = plan.take(plan.placement <= 3)
+    pull = tt.EffectInstance(catalogue()[name], "", sizes)
+    m = tt.Laboratory(robot, "ideal", hidden=(pull,)).run(few, 1003, "statics").measurements
+    observed = observe(m, nominal_robot(robot))
+    borne = -observed.servo_stiffness * (m.command - m.joint_angles)
+    hips = [k for k, joint in enumerate(m.joints) if "hip" in joint]
+    both = ((each.torques - borne)[:, hips] for each in (removed(observed, [pull]), observed))
+    known, plain = (np.sqrt((off**2).mean()) for off in both)
+    assert known < min(1.2, 0.75 * plain)
 
 
 def test_where_a_link_rests_in_its_play_is_a_clipped_normal(robot, plan):

@@ -133,6 +133,7 @@ def test_joints_of_a_robot_that_moves_bear_what_inverse_dynamics_need(which, rob
         sag=np.ones(count),
         friction=np.zeros((count, joints)),
         of_links=beyond_weight(nominal, m).of_links,
+        pushes=np.zeros((count, 2)),
     )
     # The load turns a joint the other way than its drive. Rows last no time, so that means are values.
     assert found.torques == pytest.approx(-expected, abs=1e-9 * np.abs(expected).max())
