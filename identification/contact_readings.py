@@ -11,6 +11,7 @@ from typing import Self
 import numpy as np
 
 from tulip_testbed.identification.kinematics import turned_about
+from tulip_testbed.identification.nominal import Nominal
 from tulip_testbed.measurements import Measurements
 from tulip_testbed.measurements.contacts import WRENCH, Contacts
 from tulip_testbed.measurements.data import feet_in_contact
@@ -25,6 +26,10 @@ MOVING_FORCE, MOVING_MOMENT = 0.1, 0.03  # -, m
 # Range of moments over that of forces [m]: 60 Nm and 2000 N, 30 Nm and 1000 N of humanoids' feet; 20 Nm and
 # 580 N of ATI's Mini45.
 LEVER = 0.03
+LEAST_LOAD = 0.5  # N
+CROSSTALK = 0.01  # of the load on a board that a cell in the air may read
+NEARLY_ALL = 0.9  # of the postures
+ROCKING = 2.0  # times the usual s.d. of a board's cells within a row: more is no noise
 
 
 @dataclass(frozen=True)
@@ -67,9 +72,39 @@ class ContactReadings:
         noise = np.linalg.norm(self.by_reading, axis=1)
         return self.zero_sd > UNSURE * noise
 
+    def rates(self, measurements: Measurements) -> list[np.ndarray] | None:
+        """Return the first to third derivative of `values` by time, (m, 2 k) each.
+
+        Jerks that were not measured are zero; None: nor were rates or accelerations.
+        """
+        m = measurements
+        measured = [m.cell_rates, m.cell_accelerations, None]
+        if m.contacts is not None:
+            measured = [m.wrench_rates, m.wrench_accelerations, m.wrench_jerks]
+        if measured[0] is None or measured[1] is None:
+            return None
+        by_channel = np.eye(measured[0].shape[-1]) if self.by_channel is None else self.by_channel
+        return [
+            np.zeros_like(self.values)
+            if rate is None
+            else (np.nan_to_num(rate) @ by_channel.T).reshape(len(m), -1)
+            for rate in measured
+        ]
+
     def take(self, rows: np.ndarray) -> Self:
         below = None if self.below is None else self.below[rows]
         return replace(self, values=self.values[rows], below=below)
+
+
+def contact_readings(measurements: Measurements, nominal: Nominal) -> ContactReadings:
+    """Return the readings of the contact sensors, with the feet's tilt by the joint angles."""
+    if measurements.contacts is None:
+        return of_cells(measurements)
+    parameters = nominal.parameters
+    rotations = parameters.rotations(measurements.joint_angles, measurements.support)
+    upright = rotations[:, [parameters.base, nominal.swing_frame], 2]
+    mass = measurements.weighed_mass[0] if measurements.weighed_mass else nominal.mass
+    return of_wrenches(measurements, nominal.points, upright, mass * measurements.gravity)
 
 
 def of_cells(measurements: Measurements) -> ContactReadings:
@@ -193,3 +228,44 @@ def _gather(contacts: Contacts, side: int, sole: np.ndarray) -> np.ndarray:
     moment = np.concatenate([np.cross(arm, turn.T).T, turn], axis=1)
     rows = (force[2], -moment[1], moment[0], force[0], force[1])
     return np.stack(rows)[:, _in_full(contacts)]
+
+
+def margin_of_load(cell_sd: float) -> float:
+    """Return by how much a cell has to read more than without load, so that it bears one [N]."""
+    return max(LEAST_LOAD, 4 * cell_sd)
+
+
+def on_four_cells(
+    forces: np.ndarray, margin: float, share: np.ndarray, spread: np.ndarray | None
+) -> np.ndarray:
+    """Return whether all cells of each plate are loaded, (m, 2) bool.
+
+    A board that rocks was tared on two cells, so the one of the others that is in the air reads nothing. That
+    counts only if it is so in nearly all postures: a board that does not rock may have such readings by
+    chance, and noise may hide one. A cell in the air may read a part of the load on the others.
+
+    Args:
+        forces: (m, 2, 4) [N].
+        margin: of a reading over that of no load [N].
+        share: of a board's weight on each of its cells, (2,) [N].
+        spread: s.d. of the cells' samples within each row of a moving record, (m, 2, 4) [N]; None: it holds.
+    """
+    load = forces.sum(axis=2)
+    margins = margin + CROSSTALK * np.maximum(load, 0.0)
+    idle = np.abs(forces) < margins[..., None]
+    loaded = load > 4 * margins
+    one_of_two = np.stack([idle[..., k] | idle[..., k + 2] for k in (0, 1)], axis=-1) & loaded[..., None]
+    rocks = one_of_two.sum(axis=0).max(axis=-1) > NEARLY_ALL * loaded.sum(axis=0)
+    on_all = (forces.min(axis=2) > margins - share) & ~rocks
+    return on_all if spread is None else on_all & _steady(spread)
+
+
+def _steady(spread: np.ndarray) -> np.ndarray:
+    """Return on which boards no cell lifted or landed within a row's window, (m, 2) bool.
+
+    There the board rocks over its diagonal at once, which the s.d. of its cells' samples, (m, 2, 4) [N],
+    shows. A row without samples is no witness.
+    """
+    most = spread.max(axis=2)
+    usual = np.nanmedian(most, axis=0) if np.isfinite(most).any() else np.inf
+    return ~(most > ROCKING * usual)

@@ -1,6 +1,6 @@
 """The wrench of the ground that the nominal robot needs to hold a posture, or to move as it was measured."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, fields, replace
 from typing import Self
 
@@ -19,6 +19,7 @@ INERTIA_SD = 0.3  # relative, of the second moments of a link's density about it
 ROCKED = 0.01  # rad/s, rad/s2: steps of derivatives
 SYMMETRIC = np.array([[0, 1, 3], [1, 2, 4], [3, 4, 5]])  # elements xx, xy, yy, xz, yz, zz
 INSTANT = 0.001  # s, step of differences in time
+LATER = 0.02  # s, the same of the loads, which readings give
 # Variance of a row's jerk, times samples and half window^6, by that of a sample: see `series_reduction`.
 JERK_NOISE = 1575.0
 LENGTH = 1.0  # m: a force counts as a shift of the centre of pressure by it over the weight
@@ -247,6 +248,15 @@ def rocking(nominal: Nominal, measurements: Measurements) -> np.ndarray:
         change = np.column_stack([center, force[:, 2], force[:, :2]])
         out.append(change / (2 * ROCKED))
     return np.stack(out, axis=2)
+
+
+def yielding(
+    geometry: PostureGeometry, measurements: Measurements, torques: Callable[[float], np.ndarray]
+) -> np.ndarray:
+    """Compute `BeyondWeight.yielding` by the torques of the loads a time after each row, in s."""
+    before, now, after = (torques(at) for at in (-LATER, 0.0, LATER))
+    bending = (after - 2 * now + before) / LATER**2
+    return by_accelerations(geometry, measurements) * bending[:, None]
 
 
 def by_accelerations(geometry: PostureGeometry, measurements: Measurements) -> np.ndarray:

@@ -35,9 +35,9 @@ class Loads:
         levers: torque on every joint per unit of the internal wrench, (m, n_joints, 3) [m, m, -].
         turns: internal wrench that takes up a turn of each joint, (m, 3, n_joints) [N/rad, Nm/rad].
         yields: the same of a torque on each joint, by its servo's sag and what yields.
-        held: stiffness against a rotation of one joint on the ground, where the closed legs and the loads of
-            the feet resist it, (m, n_joints) [Nm/rad]; zero on one foot.
-        geometry, cells, bears, cell_sd, place_sd: see `joint_loads`.
+        shown: torque on every joint per unit of what cells show of the swing foot, its vertical force and its
+            moments about x and y, (m, n_joints, 3) [m, -, -]; zero on one foot.
+        servo_stiffness, geometry, cells, bears, cell_sd, place_sd: see `joint_loads`.
         carried: load of the foot that a joint bears, stance and swing, with its sign, (m, n_joints, 2) [N].
         carries: that sign, (n_joints, 2).
         unseen: s.d. of the internal wrench by what the cells do not show, (3,) [N, N, Nm].
@@ -49,7 +49,8 @@ class Loads:
     levers: np.ndarray
     turns: np.ndarray
     yields: np.ndarray
-    held: np.ndarray
+    shown: np.ndarray
+    servo_stiffness: np.ndarray
     geometry: PostureGeometry
     cells: np.ndarray
     bears: np.ndarray
@@ -112,6 +113,16 @@ class Loads:
     def stiffness(self) -> np.ndarray:
         """Return the stiffness of the closed legs against a rotation of one joint, (m, n_joints) [Nm/rad]."""
         return np.diagonal(self.sharing, axis1=1, axis2=2)
+
+    @cached_property
+    def held(self) -> np.ndarray:
+        """Return the stiffness against a rotation of one joint on the ground, (m, n_joints) [Nm/rad].
+
+        The closed legs and the loads of the feet resist it; zero on one foot.
+        """
+        levers = np.concatenate([self.levers, self.shown], axis=2)
+        resisting = _inverted(levers.mT @ (levers / self.servo_stiffness[:, None]))
+        return np.einsum("mni,mij,mnj->mn", levers, resisting, levers, optimize=True)
 
 
 def joint_loads(
@@ -187,8 +198,6 @@ def joint_loads(
     closed = _inverted(closing @ (unknown / servo_stiffness[:, None]))
     turns = closed @ closing
     yields = turns * (1 / servo_stiffness - (1 - left) / servo_gain)
-    all_levers = np.concatenate([unknown, seen * both[:, None, None]], axis=2)
-    resisting = _inverted(all_levers.mT @ (all_levers / servo_stiffness[:, None]))
     sags = friction / servo_gain + resisted / servo_stiffness
     push = -(yields @ torque[..., None] + turns @ sags[..., None])[..., 0]
     return Loads(
@@ -198,7 +207,8 @@ def joint_loads(
         levers=unknown,
         turns=turns,
         yields=yields,
-        held=np.einsum("mni,mij,mnj->mn", all_levers, resisting, all_levers, optimize=True),
+        shown=seen * both[:, None, None],
+        servo_stiffness=servo_stiffness,
         geometry=geometry,
         cells=cells,
         bears=bears,

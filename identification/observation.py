@@ -17,14 +17,19 @@ import numpy as np
 from tulip_testbed.identification.ballast import Ballast, ballast_of, known_weight
 from tulip_testbed.identification.base_parameters import standard_parameters
 from tulip_testbed.identification.cad_prior import CadPrior
-from tulip_testbed.identification.contact_readings import ContactReadings, of_cells, of_wrenches
+from tulip_testbed.identification.contact_readings import (
+    ContactReadings,
+    contact_readings,
+    margin_of_load,
+    on_four_cells,
+)
 from tulip_testbed.identification.inertial_wrench import (
     HELD,
     BeyondWeight,
     beyond_weight,
-    by_accelerations,
     rates_of,
     rocking,
+    yielding,
 )
 from tulip_testbed.identification.joint_loads import (
     Loads,
@@ -42,12 +47,7 @@ from tulip_testbed.sim.scene import plate_masses
 
 LONG_GAP = 1.5  # of the median time between a placement's postures
 STILL = 10.0  # s, assumed: simulated feet creep 0.1 mm in 75 s, and slip by 0.6 mm where a corner lifts
-LEAST_LOAD = 0.5  # N
-INSTANT = 0.02  # s, step of differences in time
-CROSSTALK = 0.01  # of the load on a board that a cell in the air may read
 SIZE, TWISTS, CLOSURE = 11, slice(3, 5), slice(5, 11)  # residuals of a posture, see `residual_channels`
-NEARLY_ALL = 0.9  # of the postures
-ROCKING = 2.0  # times the usual s.d. of a board's cells within a row: more is no noise
 
 
 @dataclass(frozen=True)
@@ -311,7 +311,7 @@ class Observation:
             self.cell_places.reshape(len(self), 2, -1, 2),
             self.contacts.bears,
             self.cell_sd,
-            0.0 if self.in_feet else max((self.measurements.sensors.placement_sd or (0.0, 0.0))[:2]),
+            0.0 if self.in_feet else max(self.measurements.sensors.known_placement_sd[:2]),
             self.measurements.support == "double",
             self.servo_stiffness,
             self.servo_gain,
@@ -397,7 +397,6 @@ def observe(measurements: Measurements, nominal: Nominal, inertias: np.ndarray |
     added = motion.by_cad if len(motion.by_cad) else np.zeros((m, 5))
     share = np.array(plate_masses(nominal.robot)) * measurements.gravity / 4
     gain = servo_stiffness(nominal.robot, measurements.gains)
-    margin = max(LEAST_LOAD, 4 * (measurements.sensors.cell_sd or 0.0))
     observed = Observation(
         nominal=nominal,
         measurements=measurements,
@@ -422,57 +421,48 @@ def observe(measurements: Measurements, nominal: Nominal, inertias: np.ndarray |
         servo_stiffness=gain,
         cell_sd=contacts.sd,
         time_fraction=_each(measurements, lambda rows: fraction_of_time(measurements.time[rows])),
-        on_four_cells=(
-            _each(
-                measurements,
-                lambda rows: (
-                    _on_four_cells(contacts.values[rows].reshape(-1, 2, 4), margin, share)
-                    & (not len(motion.by_cad) or _steady(measurements.cell_forces_sd[rows].reshape(-1, 2, 4)))
-                ),
-            )
-            if measurements.contacts is None
-            else np.zeros((m, 2), bool)
-        ),
+        on_four_cells=_of_boards(measurements, contacts, share, len(motion.by_cad) > 0),
     )
     if measurements.command is not None:
         # No feed-forward knows friction: what the sags show is compared with the loads without it.
         loads = observed.changed(friction=np.zeros_like(observed.friction)).loads
         sags = measurements.command - measurements.joint_angles
         observed = observed.changed(sag=sag_left(loads, sags, measurements.of_experiment))
-    return observed if not observed.moves else observed.changed(motion=_yielding(observed))
+    rates = contacts.rates(measurements) if observed.moves else None
+    return observed if rates is None else observed.changed(motion=_yielding(observed, rates))
 
 
-def _yielding(observed: Observation) -> BeyondWeight:
-    """Return what motion adds, with what it adds in a robot that yields to loads that change."""
-    m, motion = observed.measurements, observed.motion
-    if m.contacts is None:
-        rates = m.cell_rates, m.cell_accelerations, None
-    else:
-        rates = m.wrench_rates, m.wrench_accelerations, m.wrench_jerks
-    if rates[0] is None or rates[1] is None:
-        return motion
-    by_channel = observed.contacts.by_channel
-    by_channel = np.eye(rates[0].shape[-1]) if by_channel is None else by_channel
-    of_readings = [
-        np.zeros_like(observed.cell_forces)
-        if rate is None
-        else (np.nan_to_num(rate) @ by_channel.T).reshape(len(m), -1)
-        for rate in rates
-    ]
-    rate, faster = rates_of(m)
-    before, after = (
-        observed.changed(
+def _yielding(observed: Observation, rates: list[np.ndarray]) -> BeyondWeight:
+    """Return what motion adds, with what it adds in a robot that yields to loads with these rates."""
+    m, (rate, faster) = observed.measurements, rates_of(observed.measurements)
+
+    def torques(at: float) -> np.ndarray:
+        return observed.changed(
             joint_angles=observed.joint_angles + at * rate + at**2 / 2 * faster,
-            cell_forces=observed.cell_forces + at * of_readings[0] + at**2 / 2 * of_readings[1],
+            cell_forces=observed.cell_forces + at * rates[0] + at**2 / 2 * rates[1],
         ).torques
-        for at in (-INSTANT, INSTANT)
-    )
-    bending = (after - 2 * observed.torques + before) / INSTANT**2
+
     return replace(
-        motion,
-        load_rates=np.stack([observed._about_centers(rate) for rate in of_readings], axis=1),
+        observed.motion,
+        load_rates=np.stack([observed._about_centers(each) for each in rates], axis=1),
         rocking=rocking(observed.nominal, m),
-        yielding=by_accelerations(observed.geometry, m) * bending[:, None],
+        yielding=yielding(observed.geometry, m, torques),
+    )
+
+
+def _of_boards(
+    measurements: Measurements, contacts: ContactReadings, share: np.ndarray, moves: bool
+) -> np.ndarray:
+    """Compute `Observation.on_four_cells`."""
+    if measurements.contacts is not None:
+        return np.zeros((len(measurements), 2), bool)
+    margin = margin_of_load(measurements.sensors.cell_sd or 0.0)
+    spread = measurements.cell_forces_sd.reshape(-1, 2, 4) if moves else None
+    return _each(
+        measurements,
+        lambda rows: on_four_cells(
+            contacts.values[rows].reshape(-1, 2, 4), margin, share, None if spread is None else spread[rows]
+        ),
     )
 
 
@@ -484,53 +474,10 @@ def _each(measurements: Measurements, of_rows: Callable[[np.ndarray], np.ndarray
     return out[np.argsort(np.concatenate(parts), kind="stable")]
 
 
-def contact_readings(measurements: Measurements, nominal: Nominal) -> ContactReadings:
-    """Return the readings of the contact sensors, with the feet's tilt by the joint angles."""
-    if measurements.contacts is None:
-        return of_cells(measurements)
-    parameters = nominal.parameters
-    rotations = parameters.rotations(measurements.joint_angles, measurements.support)
-    upright = rotations[:, [parameters.base, nominal.swing_frame], 2]
-    mass = measurements.weighed_mass[0] if measurements.weighed_mass else nominal.mass
-    return of_wrenches(measurements, nominal.points, upright, mass * measurements.gravity)
-
-
 def turned(yaw: np.ndarray, vector: np.ndarray) -> np.ndarray:
     """Return vectors (..., 2) turned by angles (...) about the vertical."""
     c, s, x, y = np.cos(yaw), np.sin(yaw), vector[..., 0], vector[..., 1]
     return np.stack([c * x - s * y, s * x + c * y], axis=-1)
-
-
-def _on_four_cells(forces: np.ndarray, margin: float, share: np.ndarray) -> np.ndarray:
-    """Return whether all cells of each plate are loaded, (m, 2) bool.
-
-    A board that rocks was tared on two cells, so the one of the others that is in the air reads nothing. That
-    counts only if it is so in nearly all postures: a board that does not rock may have such readings by
-    chance, and noise may hide one. A cell in the air may read a part of the load on the others.
-
-    Args:
-        forces: (m, 2, 4) [N].
-        margin: of a reading over that of no load [N].
-        share: of a board's weight on each of its cells, (2,) [N].
-    """
-    load = forces.sum(axis=2)
-    margins = margin + CROSSTALK * np.maximum(load, 0.0)
-    idle = np.abs(forces) < margins[..., None]
-    loaded = load > 4 * margins
-    one_of_two = np.stack([idle[..., k] | idle[..., k + 2] for k in (0, 1)], axis=-1) & loaded[..., None]
-    rocks = one_of_two.sum(axis=0).max(axis=-1) > NEARLY_ALL * loaded.sum(axis=0)
-    return (forces.min(axis=2) > margins - share) & ~rocks
-
-
-def _steady(spread: np.ndarray) -> np.ndarray:
-    """Return on which boards no cell lifted or landed within a row's window, (m, 2) bool.
-
-    There the board rocks over its diagonal at once, which the s.d. of its cells' samples, (m, 2, 4) [N],
-    shows. A row without samples is no witness.
-    """
-    most = spread.max(axis=2)
-    usual = np.nanmedian(most, axis=0) if np.isfinite(most).any() else np.inf
-    return ~(most > ROCKING * usual)
 
 
 def fraction_of_time(time: np.ndarray) -> np.ndarray:

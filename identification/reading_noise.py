@@ -106,4 +106,4 @@ def placement_sd(measurements: Measurements) -> np.ndarray:
     The contract states the left plate's s.d. only. The foot on the right plate stands on a mark; the same
     s.d. is assumed for it, which rather overestimates the noise.
     """
-    return np.tile(measurements.sensors.placement_sd or (0.0, 0.0, 0.0), 2)
+    return np.tile(measurements.sensors.known_placement_sd, 2)

@@ -184,7 +184,7 @@ def _stated(data: Regression, size: float) -> tuple[np.ndarray, np.ndarray, np.n
     cell = data.sensors.cell_sd if data.cells is not None else None
     factor = cell or size / np.sqrt(np.trace(shape.mean(axis=0)) / 2)
     prior = [SHEET_PRIOR if cell else NO_PRIOR]
-    left = np.array(data.sensors.placement_sd or (0.0, 0.0, 0.0))
+    left = np.array(data.sensors.known_placement_sd)
     if left[:2].any():
         prior += [MARK_PRIOR, SHEET_PRIOR]
         right = MARK_RATIO * left

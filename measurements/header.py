@@ -21,6 +21,11 @@ class SensorSheet:
     cell_resolution: float | None = None
     placement_sd: tuple[float, float, float] | None = None
 
+    @property
+    def known_placement_sd(self) -> tuple[float, float, float]:
+        """Return `placement_sd`, zeros if it is unknown [m, m, rad]."""
+        return self.placement_sd or (0.0, 0.0, 0.0)
+
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class MeasurementHeader:

@@ -23,10 +23,11 @@ from tulip_testbed.effects.catalogue import catalogue, targets_in
 from tulip_testbed.effects.instance import EffectInstance
 from tulip_testbed.identification.base_parameters import common_support, standard_parameters
 from tulip_testbed.identification.cad_prior import cad_prior
+from tulip_testbed.identification.contact_readings import margin_of_load
 from tulip_testbed.identification.inertial_wrench import beyond_weight
 from tulip_testbed.identification.noise_in_time import WHITE, NoiseInTime
 from tulip_testbed.identification.nominal import Nominal, nominal_robot
-from tulip_testbed.identification.observation import LEAST_LOAD, Observation, observe
+from tulip_testbed.identification.observation import Observation, observe
 from tulip_testbed.identification.residual_noise import ASSUMED_CELL, ASSUMED_ENCODER, Noise, noise_of
 from tulip_testbed.measurements import MeasurementHeader, Measurements, PosturePlan
 from tulip_testbed.measurements.cells import CELLS
@@ -161,8 +162,7 @@ class DayModel:
         if (motion := self.plan.motion) is not None:
             time, fed = rows.posture / self.rows, np.full(len(rows), motion.torques is not None)
         forces = seen.cell_forces.reshape(len(seen), 2, 4)
-        margin = max(LEAST_LOAD, 4 * self.noise.cell)
-        loaded = forces.min(axis=2) > margin - seen.board_share
+        loaded = forces.min(axis=2) > margin_of_load(self.noise.cell) - seen.board_share
         return replace(
             seen,
             cell_sd=self.noise.cell,

@@ -11,7 +11,7 @@ from tulip_testbed.experiments.watching.alarm import OK, judge, level
 from tulip_testbed.experiments.watching.day_model import DayModel
 from tulip_testbed.experiments.watching.row_columns import RowColumns, row_columns
 from tulip_testbed.experiments.watching.watch_state import AGAIN, MEASURED, OPEN, WatchState, begin_row
-from tulip_testbed.identification.observation import ROCKING
+from tulip_testbed.identification.contact_readings import ROCKING
 from tulip_testbed.identification.preflight import settling
 from tulip_testbed.identification.preflight.finding import Finding
 from tulip_testbed.identification.preflight.readings import cell_loads

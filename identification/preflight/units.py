@@ -112,7 +112,7 @@ def _lengths(measurements: Measurements) -> Complaints:
     for p, plate in enumerate(PLATES):
         for axis, far in zip("xy", np.abs(m.plate_poses[:, p, :2]).max(axis=0), strict=True):
             yield from _too_large(f"plate.{plate}.{axis}", far, MOST_POSE, f"reads up to {far:g}", unit)
-    height, stated = np.abs(m.top_height).max(), (m.sensors.placement_sd or (0.0, 0.0))[:2]
+    height, stated = np.abs(m.top_height).max(), m.sensors.known_placement_sd[:2]
     yield from _too_large("plates.top_height", height, MOST_CELL, f"is {height:g}", unit)
     yield from _too_large("sensors.placement_sd", max(stated), MOST_PLACEMENT_SD, f"is {stated}", unit)
 
