@@ -203,9 +203,7 @@ def _turned(rotation: np.ndarray, joint: Joint, angle: np.ndarray) -> np.ndarray
 
 def body_loads(m: Mechanism, state: StaticState, load: Load, frames: Frames) -> tuple[np.ndarray, np.ndarray]:
     """Return force and moment on every body about the world's origin, (nb, ..., 3) each [N], [Nm]."""
-    batch = state.angles.ndim - 1
-    weight = _by_body(load.mass[..., None], batch) * (m.gravity if load.gravity is None else load.gravity)
-    center = frames.place + (frames.rotation @ _by_body(load.center, batch)[..., None])[..., 0]
+    weight, center = weights(m, state, load, frames)
     force, moment = np.broadcast_to(weight, center.shape).copy(), cross(center, weight)
     for side, (sole, point) in enumerate(zip(m.soles, m.sole_points, strict=True)):
         at = frames.place[sole] + frames.rotation[sole] @ point
@@ -220,6 +218,14 @@ def body_loads(m: Mechanism, state: StaticState, load: Load, frames: Frames) -> 
         force[rope.body] = force[rope.body] + pull
         moment[rope.body] = moment[rope.body] + cross(at, pull)
     return force, moment
+
+
+def weights(m: Mechanism, state: StaticState, load: Load, frames: Frames) -> tuple[np.ndarray, np.ndarray]:
+    """Return the weight and the centre of mass of every body in the world, (nb, ..., 3) each [N], [m]."""
+    batch = state.angles.ndim - 1
+    gravity = m.gravity if load.gravity is None else load.gravity
+    center = frames.place + (frames.rotation @ _by_body(load.center, batch)[..., None])[..., 0]
+    return _by_body(load.mass[..., None], batch) * gravity, center
 
 
 def _by_body(values: np.ndarray, batch: int) -> np.ndarray:

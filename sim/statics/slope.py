@@ -21,6 +21,7 @@ from tulip_testbed.sim.statics.forces import (
     dot,
     drives,
     rotation_matrix,
+    weights,
 )
 from tulip_testbed.sim.statics.mechanism import HINGE, Mechanism
 
@@ -100,11 +101,8 @@ def _sums_behind(
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Sum forces (b, nb, 3), moments and c f' (b, nb, 3, 3) of the loads over each body and all behind it."""
     force, moment = body_loads(m, state, load, frames)
-    center = np.moveaxis(load.center, -2, 0).reshape(len(m.bodies), -1, 3)
-    mass = np.moveaxis(load.mass, -1, 0).reshape(len(m.bodies), -1, 1)
-    center = frames.place + (frames.rotation @ center[..., None])[..., 0]
-    gravity = m.gravity if load.gravity is None else load.gravity
-    spread = center[..., :, None] * (mass * gravity)[..., None, :]
+    weight, center = weights(m, state, load, frames)
+    spread = center[..., :, None] * weight[..., None, :]
     for side, sole in enumerate(m.soles):
         spread[sole] += soles[side][:, :, None] * state.wrench[:, side, None, :3]
     force, moment, spread = (m.sums_behind(part).swapaxes(0, 1) for part in (force, moment, spread))
