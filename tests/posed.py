@@ -31,27 +31,29 @@ def seen_from(data: mujoco.MjData, body: str, point: np.ndarray) -> np.ndarray:
 
 
 def check_standing(robot: Robot, plan: PosturePlan) -> None:
-    """Check that postures stand flat on both soles where the plan says, within the ranges of TULip."""
+    """Check that postures stand flat on both soles where the plan says, within its ranges."""
     model, ranges, (stance, swing) = robot.model, planning_ranges(robot), robot.feet
     low, high = np.array([model.joint(name).range for name in plan.joints]).T
     assert ((plan.joint_angles >= low) & (plan.joint_angles <= high)).all()
     for axis, (least, most) in enumerate((ranges.swing_x, ranges.swing_y, ranges.swing_yaw)):
         assert plan.swing_pose[:, axis].min() >= least - 1e-9
         assert plan.swing_pose[:, axis].max() <= most + 1e-9
-    soles = [sole_corners(model, foot)[:, :2] for foot in robot.feet]
+    corners = np.array([sole_corners(model, foot) for foot in robot.feet])
+    soles, heights = corners[..., :2], corners[:, 0, 2]
     for angles, planned in zip(plan.joint_angles, plan.swing_pose, strict=True):
         data = posed(model, angles)
         offset = seen_from(data, stance, data.body(swing).xpos)
         turn = data.body(stance).xmat.reshape(3, 3).T @ data.body(swing).xmat.reshape(3, 3)
         pose = [*offset[:2], np.arctan2(turn[1, 0], turn[0, 0])]
         np.testing.assert_allclose(pose, planned, rtol=0, atol=1e-7)
-        np.testing.assert_allclose([offset[2], *turn[:, 2]], [0, 0, 0, 1], rtol=0, atol=1e-7)  # flat
+        level = [heights[0] - heights[1], 0, 0, 1]
+        np.testing.assert_allclose([offset[2], *turn[:, 2]], level, rtol=0, atol=1e-7)
         com = seen_from(data, stance, data.subtree_com[1])
         feet = [place_polygon(sole, at) for sole, at in zip(soles, (np.zeros(3), planned), strict=True)]
         margin = stability_margin(com[:2], support_polygon(np.array(feet)))
         assert margin > ranges.stability_margin - 1e-7
-        hip = seen_from(data, stance, data.body("torso").xpos)
-        assert hip[2] + 0.06 > ranges.least_height - 1e-9
+        torso = seen_from(data, stance, data.body(1).xpos)
+        assert torso[2] - heights[0] > ranges.least_height - 1e-9
 
 
 def holding_torques(robot: Robot, model: mujoco.MjModel, angles: np.ndarray, point: np.ndarray) -> np.ndarray:

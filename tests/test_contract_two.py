@@ -32,18 +32,22 @@ def write(plates, tmp_path):
     )
 
 
+STATED = {
+    "below": {"mass": 0.4, "mass_sd": 0.02, "center": [0.02, 0.0, -0.04], "center_sd": 0.005},
+    "covariance": np.diag([1.0, 1.0, 4.0, 0.01, 0.01, 0.01]).tolist(),
+    "zero": [0, 0, 1.5, None, 0.1, 0.1],
+}
+
+
 def test_wrench_sensors_in_the_feet_are_read(write, plates):
-    below = {"mass": 0.4, "mass_sd": 0.02, "center": [0.02, 0.0, -0.04], "center_sd": 0.005}
-    zero = [0, 0, 1.5, None, 0.1, 0.1]
-    covariance = (np.diag([1.0, 1.0, 4.0, 0.01, 0.01, 0.01])).tolist()
-    m: Any = read_measurements(write(contacts_of(below=below, zero=zero, covariance=covariance), poses=False))
+    m: Any = read_measurements(write(contacts_of(**STATED), poses=False))
     assert m.contacts.mount == "foot"
     assert m.contacts.channels == WRENCH
     assert m.contacts.pose.tolist() == [[0.01, 0, -0.03, 0, 0, 0.5]] * 2
     assert m.contacts.zero_sd.tolist() == [[0, 0, 1.5, np.inf, 0.1, 0.1]] * 2
     assert m.contacts.below.tolist() == [[0.4, 0.02, 0.0, -0.04]] * 2
     assert m.contacts.below_sd.tolist() == [[0.02, 0.005, 0.005, 0.005]] * 2
-    assert np.array_equal(np.asarray(m.contacts.covariance), covariance)
+    assert np.array_equal(np.asarray(m.contacts.covariance), STATED["covariance"])
     assert m.wrenches.shape == (len(plates), 2, 6)
     assert m.wrenches[:, 0, 2].tolist() == plates.cell_forces[:, :4].sum(axis=1).tolist()
     assert m.cell_forces.shape == (len(plates), 0)
@@ -218,10 +222,8 @@ def test_contacts_in_memory_are_held_against_the_contract(write, changes, words)
 @settings(max_examples=30, deadline=None, derandomize=True, suppress_health_check=list(HealthCheck))
 @given(data=st.data())
 def test_any_change_of_the_contacts_is_read_or_refused_in_one_line(write, plates, data):
-    below = {"mass": 0.4, "mass_sd": 0.02, "center": [0.02, 0.0, -0.04], "center_sd": 0.005}
-    covariance = np.diag([1.0, 1.0, 4.0, 0.01, 0.01, 0.01]).tolist()
-    kinds = {
-        "wrench": {"below": below, "covariance": covariance, "zero": [0, 0, 1.5, None, 0.1, 0.1]},
+    kinds: dict[str, dict[str, Any]] = {
+        "wrench": STATED,
         "cop": {"sd": [0.1, 0.1, 1.0], "mount": "ground", "top_height": 0.0},
         "cells": {"cells": {"a": [0.0, 0.0], "b": [1.0, 0.0], "c": [0.0, 1.0]}, "top_height": 0.0},
     }

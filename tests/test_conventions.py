@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from tests.first_look import cases
 from tests.moving_robots import GRAVITY, by_inverse_dynamics, moving, random_robot
 from tulip_testbed.identification.conventions.audit_conventions import (
     DECISIVE,
@@ -107,21 +108,11 @@ def logged(record: Record, convention: WrenchConvention) -> Any:
     return dataclasses.replace(record.motion, wrenches=wrenches)
 
 
-@pytest.mark.parametrize(
-    "convention",
-    [
-        WrenchConvention(PREPARED, ON_ROBOT, PREPARED, MOMENTS),
-        *(
-            pytest.param(one, marks=pytest.mark.slow)
-            for one in (
-                WrenchConvention(),
-                WrenchConvention(PREPARED, ON_GROUND),
-                WrenchConvention(PUBLISHED),
-                WrenchConvention(WORLD, ON_GROUND, yaw=YAW),
-            )
-        ),
-    ],
-)
+OTHERS = [WrenchConvention(), WrenchConvention(PREPARED, ON_GROUND), WrenchConvention(PUBLISHED)]
+OTHERS += [WrenchConvention(WORLD, ON_GROUND, yaw=YAW)]
+
+
+@cases("convention", [WrenchConvention(PREPARED, ON_ROBOT, PREPARED, MOMENTS)], [(one,) for one in OTHERS])
 def test_the_convention_of_a_record_is_found_and_undone(convention, record):
     found: Any = audit_conventions(logged(record, convention), nominal_robot(record.robot))
     assert dataclasses.replace(found.convention, yaw=0.0) == dataclasses.replace(convention, yaw=0.0)
@@ -154,9 +145,7 @@ def test_the_zero_of_a_foot_in_the_air_tells_the_axes(record):
         assert after.log_likelihood < before.log_likelihood - DECISIVE
 
 
-@pytest.mark.parametrize(
-    "joint", ["left_knee", *(pytest.param(j, marks=pytest.mark.slow) for j in ("abdomen_y", "right_hip_y"))]
-)
+@cases("joint", ["left_knee"], ["abdomen_y", "right_hip_y"])
 def test_joints_that_are_read_wrongly_are_told(joint, record):
     log = logged(record, WrenchConvention())
     turned = np.where(np.array(log.joints) == joint, -1.0, 1.0)

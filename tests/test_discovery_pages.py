@@ -11,6 +11,7 @@ import pytest
 import tulip_testbed as tt
 from tests.drawing import draws_with
 from tests.durations import cpu_seconds
+from tests.first_look import cases
 from tests.test_cli import told
 from tests.test_records import put_right
 from tests.test_refusals import refuse, rows
@@ -92,13 +93,7 @@ def other(saved, verdict, robot):
     return dataclasses.replace(saved, **changes)
 
 
-@pytest.mark.parametrize(
-    "verdict",
-    [
-        *("named", "described", "ambiguous", "unknown"),
-        *(pytest.param(verdict, marks=pytest.mark.slow) for verdict in ("none", "calibrated")),
-    ],
-)
+@cases("verdict", ["named", "described", "ambiguous", "unknown"], ["none", "calibrated"])
 def test_every_verdict_has_its_page_and_its_view(saved, verdict, robot, tmp_path):
     run = other(saved, verdict, robot)
     page = discovery_page(run)

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from tests.foreign_robots import ROBOTS
-from tests.posed import posed, seen_from
+from tests.posed import check_standing
 from tulip_testbed.cli.main import main
 from tulip_testbed.effects.targets import LEG_LINKS
 from tulip_testbed.identification.base_parameters import base_parameters, standard_parameters
@@ -19,7 +19,7 @@ from tulip_testbed.identification.postures import random_postures
 from tulip_testbed.identification.regressor import stacked_regressor
 from tulip_testbed.sim.random_robots import draw_robot, edit_of, half_edges
 from tulip_testbed.sim.rig import preset_rig
-from tulip_testbed.sim.robot import between_feet, joint_names, sole_corners
+from tulip_testbed.sim.robot import between_feet, joint_names
 from tulip_testbed.sim.scene import laboratory_scene, nominal_plates
 from tulip_testbed.sim.specs import compile_spec
 
@@ -32,18 +32,7 @@ def test_planned_postures_stand_on_both_soles_and_move_every_joint(name, foreign
     if name != "humanoid":
         plan = random_postures(robot, nominal_plates(robot)[0], 8, 5, 110)
     model, ranges = robot.model, planning_ranges(robot)
-    for angles, pose in zip(plan.joint_angles, plan.swing_pose, strict=True):
-        data, (stance, swing) = posed(model, angles), robot.feet
-        place = seen_from(data, stance, data.body(swing).xpos)
-        up = data.body(stance).xmat.reshape(3, 3).T @ data.body(swing).xmat.reshape(3, 3)[:, 2]
-        assert place[:2] == pytest.approx(pose[:2], abs=1e-7)
-        heights = [sole_corners(model, foot)[0, 2] for foot in robot.feet]
-        assert place[2] == pytest.approx(heights[0] - heights[1], abs=1e-7)
-        assert up == pytest.approx([0, 0, 1], abs=1e-7)
-        com = seen_from(data, stance, data.subtree_com[1])[:2]
-        corners = np.vstack([sole_corners(model, robot.feet[0])[:, :2], pose[:2]])
-        assert (corners.min(axis=0) - 0.2 < com).all()
-        assert (com < corners.max(axis=0) + 0.2).all()
+    check_standing(robot, plan)
     names = joint_names(model)
     drawn = free_joint_ranges(robot, model, ranges)
     assert set(drawn) == {

@@ -8,6 +8,7 @@ import pytest
 
 import tulip_testbed as tt
 from tests.edited_rows import within
+from tests.first_look import cases
 from tests.test_refusals import change_document
 from tulip_testbed.effects.catalogue import catalogue
 from tulip_testbed.effects.instance import removed
@@ -170,9 +171,7 @@ SLOW = [
 ]
 
 
-@pytest.mark.parametrize(
-    ("effect", "manipulation"), [*QUICK, *(pytest.param(*case, marks=pytest.mark.slow) for case in SLOW)]
-)
+@cases("effect, manipulation", QUICK, SLOW)
 def test_an_effect_is_removed_from_both_experiments(nominal, lab, few, effect, manipulation):
     """Removal of the joint effect leaves what each experiment leaves by itself."""
     faulty = lab.with_effects(effect)

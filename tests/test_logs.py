@@ -5,13 +5,13 @@ import json
 from pathlib import Path
 from typing import Any
 
-import mujoco
 import numpy as np
 import pytest
 
 import tulip_testbed as tt
 from tests.edited_rows import changed, put, within
-from tests.moving_robots import moving
+from tests.first_look import cases
+from tests.moving_robots import by_inverse_dynamics, moving
 from tests.recorded_logs import BAD, CHANNELS, KINDS, motion, unit, write_dumper, write_table
 from tests.test_refusals import check_words, rows
 from tulip_testbed.experiments.posture_splits import by_halves
@@ -51,15 +51,8 @@ def moved(m):
 
 def needed(robot, angles, rates, accelerations):
     """Return the wrench of the ground on the foot at rest, by MuJoCo's inverse dynamics, (m, 6)."""
-    model = robot.spec.copy().compile()
-    model.dof_armature[:] = 0
-    data, out = mujoco.MjData(model), []
-    for state in zip(angles, rates, accelerations, strict=True):
-        data.qpos[:7], data.qvel[:], data.qacc[:] = [0, 0, 0, 1, 0, 0, 0], 0, 0
-        data.qpos[7:], data.qvel[6:], data.qacc[6:] = state
-        mujoco.mj_inverse(model, data)
-        out.append(data.qfrc_inverse[:6].copy())
-    return np.array(out)
+    states = zip(angles, rates, accelerations, strict=True)
+    return np.array([by_inverse_dynamics(robot, robot.stance_foot, np.zeros(3), *one)[0] for one in states])
 
 
 def samples(imported, robot, time):
@@ -142,13 +135,10 @@ def test_a_person_who_bows_becomes_rows(imported, bowing):
     assert np.std(wrenches[:, 4] - held[:, 4]) > 1.2 * np.std(off[:, 4])
 
 
-@pytest.mark.parametrize(
-    ("zeros", "expected"),
-    [
-        ("unknown", [8.3, 8.3, 23.5, 7.9, 6.0]),
-        pytest.param("tared", [11.9, 6.6, 23.5, 8.4, 8.1], marks=pytest.mark.slow),
-    ],
-)
+QUICK, SLOW = ("unknown", [8.3, 8.3, 23.5, 7.9, 6.0]), ("tared", [11.9, 6.6, 23.5, 8.4, 8.1])
+
+
+@cases("zeros, expected", [QUICK], [SLOW])
 def test_identified_masses_predict_the_person_better_than_cad(imported, bowing, zeros, expected):
     """Along the plane of the motion, halves both ways [mm]; CAD with an offset is not beaten surely."""
     if zeros == "tared":

@@ -11,6 +11,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 import tulip_testbed as tt
+from tests.first_look import cases
 from tests.fuzz.documents import changed_anywhere, read_or_refused
 from tests.test_refusals import change_document, refuse, rows
 from tulip_testbed.base.files import sha256
@@ -179,15 +180,7 @@ def refuse_edited(intact, folder, kind, robot, changes, words):
 
 
 @pytest.mark.filterwarnings("ignore")  # of arithmetic on strange numbers
-@pytest.mark.parametrize(
-    "name",
-    [
-        "run.json",
-        "rig/rig.json",
-        pytest.param("result.json", marks=pytest.mark.slow),
-        pytest.param("truth.json", marks=pytest.mark.slow),
-    ],
-)
+@cases("name", ["run.json", "rig/rig.json"], ["result.json", "truth.json"])
 @settings(max_examples=20, deadline=None, derandomize=True, suppress_health_check=list(HealthCheck))
 @given(data=st.data())
 def test_any_value_anywhere_is_read_or_refused_in_one_line(

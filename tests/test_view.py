@@ -17,6 +17,7 @@ from PIL import Image
 import tulip_testbed as tt
 from tests.drawing import draws_with
 from tests.durations import cpu_seconds
+from tests.first_look import cases
 from tests.looking import free_port, headless_viewer
 from tests.test_refusals import check_words, refuse, rows
 from tulip_testbed.cli.main import main
@@ -108,10 +109,7 @@ def test_postures_that_say_nothing_are_shown_without_an_estimate(wii, robot, tmp
     assert main(["view", str(tmp_path / "data"), "--save", str(tmp_path / "few.rrd")]) == 0
 
 
-@pytest.mark.parametrize(
-    "how",
-    [signal.SIGHUP, *(pytest.param(one, marks=pytest.mark.slow) for one in (signal.SIGTERM, signal.SIGKILL))],
-)
+@cases("how", [signal.SIGHUP], [signal.SIGTERM, signal.SIGKILL])
 def test_the_viewer_listens_to_this_machine_alone_and_ends_with_its_terminal(run_folder, tmp_path, how):
     """Without a screen: the viewer's own server in the place of its window."""
     assert main(["view", str(run_folder), "--save", str(tmp_path / "v.rrd")]) == 0

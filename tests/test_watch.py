@@ -91,26 +91,26 @@ def test_a_row_alone_has_the_columns_that_it_has_among_others(watched, day):
         np.testing.assert_allclose(getattr(alone, one.name), getattr(whole, one.name), rtol=1e-9, atol=1e-12)
 
 
-def test_evidence_for_a_step_by_hand():
-    """Readings of variance 4 without any state; a step of 3 begins at the third row: y^2 / w = n 3^2 / 4."""
-    changes = Changes.none(1, 1)
-    for k, value in enumerate([0.0, 0.0, 3.0, 3.0, 3.0, 3.0]):
-        one = np.ones((1, 1))
+def after_readings(values, variance, ramps) -> Changes:
+    """The evidence for changes of one fault after readings without any state."""
+    changes, one = Changes.none(1, 1), np.ones((1, 1))
+    for k, value in enumerate(values):
         here: Any = SimpleNamespace(state=0 * one, faults=one)
-        innovation = Innovation(value * one[0], 4 * one, one / 4, 0 * one, here)
-        changes = changes.with_row(innovation, k, np.zeros(1, bool))
+        innovation = Innovation(value * one[0], variance * one, one / variance, 0 * one, here)
+        changes = changes.with_row(innovation, k, np.full(1, ramps))
+    return changes
+
+
+def test_evidence_for_a_step_by_hand():
+    """Readings of variance 4; a step of 3 begins at the third row: y^2 / w = n 3^2 / 4."""
+    changes = after_readings([0.0, 0.0, 3.0, 3.0, 3.0, 3.0], 4, False)
     assert changes.ratio[:, 0].max() == pytest.approx(4 * 9 / 4)
     assert changes.onset[changes.ratio[:, 0].argmax()] == 2
 
 
 def test_evidence_for_a_ramp_by_hand():
     """A ramp of 0.1 plausible size a row, measured with variance 1: y^2 / w = sum (k / 10)^2."""
-    changes = Changes.none(1, 1)
-    for k in range(5):
-        one = np.ones((1, 1))
-        here: Any = SimpleNamespace(state=0 * one, faults=one)
-        innovation = Innovation((k + 1) / 10 * one[0], one, one, 0 * one, here)
-        changes = changes.with_row(innovation, k, np.ones(1, bool))
+    changes = after_readings([(k + 1) / 10 for k in range(5)], 1, True)
     assert changes.ratio[0, 0] == pytest.approx(55 / 100)
 
 

@@ -13,6 +13,7 @@ from scipy.spatial.transform import Rotation
 
 import tulip_testbed as tt
 from tests.edited_rows import within
+from tests.first_look import cases
 from tests.statics_against_dynamics import center_of_pressure, compare, laboratories
 from tulip_testbed.discovery.candidates import candidates
 from tulip_testbed.effects.injection import edited
@@ -230,9 +231,7 @@ SLOW = [
 SLOW += [("plate-ft", "as it is"), ("sole-ft", "as it is"), ("sole-ft", "soft soles")]
 
 
-@pytest.mark.parametrize(
-    ("name", "kind"), [*QUICK, *(pytest.param(*case, marks=pytest.mark.slow) for case in SLOW)]
-)
+@cases("name, kind", QUICK, SLOW)
 def test_statics_reads_what_the_dynamics_read(robot, plan, name, kind):
     """Every channel, for sensors that are mounted askew, without the joints' dry friction."""
     rigs = laboratories(changed_rig(robot, name, mounting=TILTED[name]))
@@ -332,15 +331,11 @@ def test_the_sensors_do_not_change_how_the_robot_stands(robot, plan):
     assert np.array_equal(plates.held[0].joint_angles, feet.held[0].joint_angles)
 
 
-@pytest.mark.parametrize(
-    ("name", "hidden", "bound"),  # directions that zeros hide on both feet alone, m
-    [
-        ("plate-ft", 0, 1e-4),
-        ("plate-cop", 0, 1e-4),
-        ("sole-ft", 5, 1e-3),
-        pytest.param("sole-3axis", 5, 1e-3, marks=pytest.mark.slow),
-    ],
-)
+# Directions that zeros hide on both feet alone, and a bound [m].
+EXACT = [("plate-ft", 0, 1e-4), ("plate-cop", 0, 1e-4), ("sole-ft", 5, 1e-3)]
+
+
+@cases("name, hidden, bound", EXACT, [("sole-3axis", 5, 1e-3)])
 def test_exact_sensors_recover_all_that_their_zeros_leave(robot, name, hidden, bound):
     """On both feet alone the same five directions are hidden as in the ankles; on the mixed plan none."""
     for plan, count in ((tt.plans.random, hidden), (tt.plans.mixed, 0))[: 1 + (hidden > 0)]:

@@ -11,7 +11,6 @@ import sys
 import tempfile
 import traceback
 import warnings
-from collections.abc import Callable
 from concurrent.futures import ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from importlib import import_module
@@ -46,36 +45,12 @@ KINDS: dict[str, dict[str, Change]] = {
     "plan": PLAN_KINDS,
     "robot": ROBOT_KINDS,
 }
-Tulip = Callable[[list[str]], Any]
 
 
-class Intact:
-    """The inputs that nothing is wrong with, each made when it is first asked for.
-
-    Args:
-        place: an empty folder.
-        tulip: runs a command.
-    """
-
-    def __init__(self, place: Path, tulip: Tulip) -> None:
-        self.place, self.tulip = place, tulip
-
-    def __call__(self, target: str) -> Path:
-        """Return the folder of an input."""
-        if target == "robot":
-            return ASSETS / "tulip_mjcf"
-        path = self.place / {"measurements": "data"}.get(target, target)
-        if not path.exists():
-            getattr(self, f"_{target}")(path)
-        return path
-
-    def _plan(self, path: Path) -> None:
-        shape = ["--placements", "6", "--per-placement", "5", "--seed", "107"]
-        self.tulip(["plan", "random", "--out", str(path), *shape])
-
-    def _measurements(self, path: Path) -> None:
-        how = ["--engine", "statics", "--workers", "1"]
-        self.tulip(["simulate", str(self("plan")), *how, "--out", str(path)])
+MAKE = {
+    "plan": "plan random --placements 6 --per-placement 5 --seed 107 --out plan",
+    "measurements": "simulate plan --engine statics --workers 1 --out measurements",
+}  # the inputs that nothing is wrong with
 
 
 def command(target: str, folder: Path) -> list[str]:
@@ -144,7 +119,8 @@ class Judge:
         self.place = place
         self.results: dict[str, Any] = {}
         self._start()
-        self.intact = Intact(place, lambda arguments: self.tulip(arguments, place))
+        for line in MAKE.values():
+            self.tulip(line.split(), place)
 
     def _start(self) -> None:
         # Its memory is limited, so it does not live long enough to fill up.
@@ -172,7 +148,8 @@ class Judge:
         return self.results[target]
 
     def _copy(self, target: str, home: Path) -> Path:
-        return Path(shutil.copytree(self.intact(target), home / "base"))
+        intact = ASSETS / "tulip_mjcf" if target == "robot" else self.place / target
+        return Path(shutil.copytree(intact, home / "base"))
 
     def message(self, target: str, kind: str, draw: Draw) -> str:
         """Make an input of a kind, run the command, and return the refusal; nothing if it was accepted.
