@@ -106,7 +106,6 @@ def laboratories(rig: Rig) -> dict[str, Rig]:
     ):
         rigs[name] = dataclasses.replace(rig, edit=without_friction(edit))
     rigs["flexible drives"] = dataclasses.replace(plain, drives=Drives(wind_up=0.01))
-    rigs["backlash"] = dataclasses.replace(plain, drives=Drives(wind_up=0.01, backlash=0.005))
     rigs["soft soles"] = dataclasses.replace(plain, compliance=Compliance(sole=2e-6, sole_tilt=2e-4))
     rigs["soft cells"] = dataclasses.replace(plain, compliance=Compliance(cell=2e-6))
     return rigs
