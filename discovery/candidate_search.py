@@ -173,7 +173,8 @@ class CandidateSearch:
 
         Args:
             afresh: candidates that are judged without the members of the start, which a missing effect may
-                have distorted, unless a judgement with them came to rest within the bounds of all families.
+                have distorted, unless a judgement with them came to rest within the bounds of all families
+                and has no less evidence than they at a glance.
             best: ln of the evidence for the best of what they compete with.
         """
         every = [(*terms, one) for one in (*near, *afresh)]
@@ -188,18 +189,22 @@ class CandidateSearch:
                 best = max([best, *(one.evidence for one in glances if one)])
                 least = max(before, best - GLANCED_NEAR - GLANCED * max(best - before, 0.0))
                 glances = [one if one and one.evidence > least else None for one in glances]
-        out, at_rest = [], set[Hashable]()
+        out, at_rest = [], dict[Hashable, float]()
         for k, (several, glance) in enumerate(zip(every, glances, strict=True)):
             key = several[-1].key
             if self.budget.spent:
                 break
-            if (glance is None and start.moved < RESTS) or (k >= len(near) and key in at_rest):
+            if glance is None and start.moved < RESTS:
+                continue
+            enough = at_rest.get(key, -np.inf) + DECISIVE
+            if k >= len(near) and key in at_rest and (glance is None or glance.evidence < enough):
                 continue
             begin = None if glance is None else glance.calibration
             judged = self.tried(several, start, begin, k >= len(near))
             if judged is not None and judged.possible:
                 out.append(judged)
-                at_rest |= {key} if judged.steady and not judged.calibration.at_bound else set()
+                if judged.steady and not judged.calibration.at_bound:
+                    at_rest[key] = judged.evidence
         return out
 
     def calibrated(self, judged: Judged) -> SelfCalibration:

@@ -214,6 +214,30 @@ def test_where_the_effects_do_not_suffice_the_first_is_left_out(monkeypatch, pla
     assert again[0] == kept
 
 
+@pytest.mark.parametrize(("at_a_glance", "count"), [(15.0, 2), (7.0, 1)])
+def test_what_promises_more_without_the_members_is_judged_so_too(monkeypatch, at_a_glance, count):
+    """A hoist of 4 N with the members, of 21 N without: both come to rest."""
+    hoist = explains("hoist", 20.0)
+    cast(Any, hoist.candidate).settings = np.zeros((1, 1))
+    alone = dataclasses.replace(hoist, sizes=np.ones(1))
+    evidence = {0: 3.0, 1: at_a_glance}
+    rests = SimpleNamespace(at_bound=(), moved=0.0)
+
+    def glanced(_, terms, start):
+        return SimpleNamespace(
+            evidence=evidence[int(terms[-1].sizes[0])] if terms else 0.0, calibration=rests
+        )
+
+    def tried(_, terms, start, begin, afresh):
+        return SimpleNamespace(evidence=5.0, possible=True, steady=True, calibration=rests, afresh=afresh)
+
+    monkeypatch.setattr(CandidateSearch, "glanced", glanced)
+    monkeypatch.setattr(CandidateSearch, "tried", tried)
+    search = CandidateSearch(cast(Any, []), None, [])
+    judged: list[Any] = search.judged_of((), [hoist], [alone], cast(Any, rests))
+    assert [one.afresh for one in judged] == [False, True][:count]
+
+
 @pytest.mark.parametrize(
     ("sizes", "possible"),
     [((3e-4, 1e-4), True), ((3e-4, -1e-5), True), ((3e-4, -2e-4), False), ((-1e-5, -1e-5), False)],
