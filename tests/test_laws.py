@@ -85,7 +85,7 @@ def test_a_search_recalls_what_it_computed_of_the_same_effects_and_start(robot, 
 def test_a_judgement_with_a_family_at_its_bound_is_made_afresh(robot, monkeypatch):
     """Members that hold a gross fault come to rest at their bounds, far below the mode of what is missing."""
     (offset,) = parsed(robot, "encoder-offset:right_knee=0.01")
-    ended: Any = SimpleNamespace(moved=0.1, at_bound=())
+    ended: Any = SimpleNamespace(moved=0.1, at_bound=(), effect_errors=[np.ones(1)])
     start: Any = SimpleNamespace(moved=20.0)
     observed: Any = None
     tried = []
