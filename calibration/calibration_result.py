@@ -165,13 +165,13 @@ class SelfCalibration:
         """Return the readings with the members of all families removed; the effects are left in them."""
         families = [calibrated.family for calibrated in self.families]
         phi = np.concatenate([np.zeros(0), *(calibrated.value for calibrated in self.families)])
-        # Members are those of the cells themselves. To exchange their readings again puts an exchange back.
+        # Members are those of the cells themselves. An exchange is put back by another one, the last first.
         exchanged = [one for one in self.effects if one.effect.exchanges]
         observed = removed(observed, exchanged)
         plain = members_removed(observed, families, phi, self.theta, self.covariance)
         others = [one for one in self.effects if one not in exchanged]
         if not others:
-            return removed(plain, exchanged)
+            return removed(plain, exchanged[::-1])
         # Members are removed from readings that have no effects any more, and the effects are put back:
         # a large effect and the removal of a member are not additive. What an effect changes is taken from
         # readings without members, since it is removed from such; at first members are removed alone.
@@ -179,7 +179,7 @@ class SelfCalibration:
         out = replace(plain, standard=clean.standard, servo_stiffness=clean.servo_stiffness)
         for _ in range(2):
             out = unpacked(out, packed(moved_by(clean, removed(out, others), out)))
-        return removed(out, exchanged)
+        return removed(out, exchanged[::-1])
 
     def log_evidence_about(self, start: SelfCalibration) -> float:
         """Return ln of the evidence, to be compared with that of other estimates about the same start.

@@ -174,7 +174,7 @@ class CandidateSearch:
         Args:
             afresh: candidates that are judged without the members of the start, which a missing effect may
                 have distorted, unless a judgement with them came to rest within the bounds of all families
-                and has no less evidence than they at a glance.
+                and they promise no decisively better one at a glance.
             best: ln of the evidence for the best of what they compete with.
         """
         every = [(*terms, one) for one in (*near, *afresh)]

@@ -203,7 +203,7 @@ def _selected(
 ) -> Selection:
     """Add effects to some terms, whose calibration is given, until none is decisive."""
     found = _forward(search, selection.null, calibration, terms, selection.tests, progress)
-    if not found[2] and not search.budget.spent:
+    if len(found[1]) == MOST_TERMS and not search.budget.spent:
         found = _begun_otherwise(search, selection, calibration, terms, found, progress)
     calibration, terms, complete = found
     calibration, terms = with_unusual_members(search, calibration, terms)
@@ -242,11 +242,17 @@ def _begun_otherwise(
     """
     known = {term.label for term in terms}
     first = next((term.label for term in found[1] if term.label not in known), None)
+    if first is None:
+        return found
     fewer = replace(search, candidates=[one for one in search.candidates if one.label != first])
     again = _forward(fewer, selection.null, start, terms, selection.tests, progress)
+    if again[2]:  # unless the first is decisive in addition
+        again = _forward(search, selection.null, *again[:2], selection.tests, progress)
     judged = [search.tried(several, start) for _, several, _ in (found, again)]
-    evidence = [-np.inf if one is None or not one.possible else one.evidence for one in judged]
-    return again if evidence[1] > evidence[0] else found
+    order = [
+        (False, -np.inf) if one is None else (one.steady and one.possible, one.evidence) for one in judged
+    ]
+    return again if order[1] > order[0] else found
 
 
 def _forward(

@@ -120,9 +120,9 @@ def _on_their_sides(rig: Rig, target: str, values: Values) -> Rig:
 
 
 def _without_side_forces(observed: Observation, target: str, values: Values) -> Observation:
-    """Take off what the plate reads of the force that the closed legs exert on each other."""
-    side, sign = PLATES.index(target), -1.0 if target == PLATES[0] else 1.0
-    push = turned(-observed.contact_poses[:, side, 2], sign * observed.loads.internal_wrench[:, :2])
+    """Take off what the plate reads of the ground's horizontal force on its foot."""
+    side = PLATES.index(target)
+    push = turned(-observed.contact_poses[:, side, 2], observed.loads.sideways[:, side])
     forces = observed.cell_forces.copy()
     forces.reshape(-1, 2, 4)[:, side] -= (push @ values)[:, None] / len(CORNERS)
     return observed.changed(cell_forces=forces)

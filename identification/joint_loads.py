@@ -41,6 +41,7 @@ class Loads:
         carried: load of the foot that a joint bears, stance and swing, with its sign, (m, n_joints, 2) [N].
         carries: that sign, (n_joints, 2).
         unseen: s.d. of the internal wrench by what the cells do not show, (3,) [N, N, Nm].
+        sideways: horizontal force of the ground on stance and swing foot, but that of motion, (m, 2, 2) [N].
     """
 
     torques: np.ndarray
@@ -59,6 +60,7 @@ class Loads:
     carried: np.ndarray
     carries: np.ndarray
     unseen: np.ndarray
+    sideways: np.ndarray
 
     @cached_property
     def sharing(self) -> np.ndarray:
@@ -167,7 +169,7 @@ def joint_loads(
             servo sags under it, and no feed-forward takes that off.
         of_links: what each link needs beyond its weight, (m, n_links, 6) [N, Nm]; (0, ...): it is held.
         pushes: horizontal force of the ground on the feet by which it resists what pulls at the torso, (m, 2)
-            [N]. No feed-forward knows it. The torsion that it needs is left out.
+            [N]. No feed-forward knows it.
     """
     mass = geometry.standard[:, 0].sum()
     # The wrench of the ground on the swing foot acts on every joint between it and the base.
@@ -200,6 +202,8 @@ def joint_loads(
     yields = turns * (1 / servo_stiffness - (1 - left) / servo_gain)
     sags = friction / servo_gain + resisted / servo_stiffness
     push = -(yields @ torque[..., None] + turns @ sags[..., None])[..., 0]
+    sideways = np.stack([-push[:, :2], push[:, :2]], axis=1)
+    sideways[np.arange(len(push)), geometry.on_swing_foot.astype(int)] += pushes
     return Loads(
         torques=torque + resisted + (unknown @ push[..., None])[..., 0],
         internal_wrench=push,
@@ -217,17 +221,23 @@ def joint_loads(
         carried=carries * down[:, None],
         carries=carries,
         unseen=UNSEEN * (MOVING if moves else 1.0),
+        sideways=sideways,
     )
 
 
 def _resisted(
     geometry: PostureGeometry, pushes: np.ndarray, place: np.ndarray, carries: np.ndarray
 ) -> np.ndarray:
-    """Compute the torques of a horizontal force on the foot that carries, (m, n_joints) [Nm]."""
+    """Compute the torques of what the ground exerts on the foot that carries, (m, n_joints) [Nm].
+
+    The pull acts at the centre of mass, so that a torsion belongs to the force.
+    """
     foot = geometry.on_swing_foot.astype(int)
-    lever = place[np.arange(len(foot)), foot][:, None] - geometry.pivots
-    force = np.concatenate([pushes, np.zeros((len(pushes), 1))], axis=1)[:, None]
-    return carries[:, foot].T * (geometry.axes * np.cross(lever, force)).sum(axis=2)
+    point = place[np.arange(len(foot)), foot]
+    force = np.concatenate([pushes, np.zeros((len(pushes), 1))], axis=1)
+    moment = np.cross(point[:, None] - geometry.pivots, force[:, None])
+    moment[..., 2] += np.cross(geometry.center - point, force)[:, None, 2]
+    return carries[:, foot].T * (geometry.axes * moment).sum(axis=2)
 
 
 def _in_motion(

@@ -69,7 +69,7 @@ class Observation:
         shift: displacement of the centre of pressure by forces other than weight, (m, 2) [m].
         lift: vertical force in addition to the weighed weight, positive downwards, (m,) [N]; at first that of
             the known masses of joined experiments, and `motion`.
-        push: horizontal force other than by the feet's tilt, over the weight, (m, 2) [-].
+        push: horizontal force other than by the feet's tilt, over `loaded_weight`, (m, 2) [-].
         standard: nominal standard parameters of the links (eq. 5), (n_links, 4) [kg, kg m].
         board_share: share of a board's weight on each of its cells, right and left, (2,) [N].
         servo_gain: torque of each joint's servo per error of its angle, (n_joints,) [Nm/rad].
@@ -256,12 +256,12 @@ class Observation:
         """Return force times lever about the centre of each sole along the foot's x and y, (m, 2, 2) [Nm].
 
         Cells give the point of the force on the floor; at the height of the sole it is displaced by the
-        horizontal force between the feet.
+        horizontal force of the ground.
         """
-        push = self.depth * self.loads.internal_wrench[:, :2]
+        stance, swing = np.moveaxis(self.depth * self.loads.sideways, 1, 0)
         _, turn = self.swing_sole
         yaw = np.arctan2(turn[:, 1, 0], turn[:, 0, 0])
-        return self._about_centers(self.cell_forces) + np.stack([-push, turned(-yaw, push)], axis=1)
+        return self._about_centers(self.cell_forces) + np.stack([stance, turned(-yaw, swing)], axis=1)
 
     def _about_centers(self, readings: np.ndarray) -> np.ndarray:
         """Return force times lever about the centres of the soles of readings of the contacts, (m, 2, 2)."""
@@ -318,8 +318,14 @@ class Observation:
             self.sag,
             self.friction,
             self.motion.of_links,
-            self.weight * (self.push - self.motion.by_cad[:, 3:] if self.moves else self.push),
+            self._outside_push,
         )
+
+    @property
+    def _outside_push(self) -> np.ndarray:
+        """Return the ground's horizontal force against what is no motion, (m, 2) [N]."""
+        known = self.motion.by_cad[:, 3:] if self.moves and self.motion.shown else 0.0
+        return self.loaded_weight[:, None] * (self.push - known)
 
     @property
     def torques(self) -> np.ndarray:

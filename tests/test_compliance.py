@@ -172,6 +172,24 @@ def test_what_pulls_sideways_loads_the_legs(robot, plan, name, sizes):
     assert known < min(1.2, 0.75 * plain)
 
 
+@pytest.mark.parametrize("plate", ["right", "left"])
+def test_the_ground_resists_what_pulls_on_both_feet(robot, plan, plate):
+    """Cells that read a part of the side force show it."""
+    few = plan.take(plan.placement <= 3)
+    pull = tt.EffectInstance(catalogue()["tether"], "", (6.0, 4.0))
+    coupled = tt.EffectInstance(catalogue()["cell-side-force"], plate, (0.1, 0.1))
+    with_both, alone = (
+        tt.Laboratory(robot, "ideal", hidden=hidden).run(few, 1003, "statics").measurements
+        for hidden in ((pull, coupled), (pull,))
+    )
+    observed = removed(observe(with_both, nominal_robot(robot)), [pull])
+    taken_off = observed.cell_forces - removed(observed, [coupled]).cell_forces
+    both = np.isin(with_both.posture, alone.posture), np.isin(alone.posture, with_both.posture)
+    read = with_both.cell_forces[both[0]] - alone.cell_forces[both[1]]
+    off = (taken_off[both[0]] - read).sum(axis=1)
+    assert np.sqrt((off**2).mean()) < 0.25 * np.sqrt((read.sum(axis=1) ** 2).mean())
+
+
 def test_where_a_link_rests_in_its_play_is_a_clipped_normal(robot, plan):
     rng = np.random.default_rng(7)
     few = plan.take(plan.placement <= 3)

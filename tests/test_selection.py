@@ -193,7 +193,9 @@ def test_where_the_effects_do_not_suffice_the_first_is_left_out(monkeypatch, pla
     found: dict[str, Any] = {"commands": (command, more), "plays": (play,)}
     evidence = {"commands": 4255.0, "plays": plays}
 
-    def forward(search, *_):
+    def forward(search, null, begun, terms, *_):
+        if terms:  # nothing is decisive in addition
+            return begun, terms, True
         every = {one.label for one in search.candidates}
         way = "commands" if "command" in every else "plays"
         return way, found[way], way == "plays"
@@ -204,7 +206,7 @@ def test_where_the_effects_do_not_suffice_the_first_is_left_out(monkeypatch, pla
 
         def tried(self, terms, _):
             way = next(name for name, several in found.items() if several == terms)
-            return SimpleNamespace(evidence=evidence[way], possible=True)
+            return SimpleNamespace(evidence=evidence[way], possible=True, steady=True)
 
     monkeypatch.setattr("tulip_testbed.discovery.selection._forward", forward)
     search: Any = Choice([one.candidate for one in (command, play, more)])

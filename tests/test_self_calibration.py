@@ -129,14 +129,15 @@ def test_effects_are_put_back_as_they_are_removed(ordinary, found, robot, nomina
 
 
 def test_exchanged_cells_keep_their_own_members(ordinary, found, robot, nominal):
+    """Two exchanges of a plate: their order counts."""
     observed = observe(ordinary[0].measurements, nominal)
-    exchanged = instances_of(["swapped-cells:left=front_left,rear_right", "tilt=0,0.03"], robot)
+    pairs = ("front_left,rear_right", "rear_right,rear_left")
+    tilt, *exchanged = instances_of(["tilt=0,0.03", *(f"swapped-cells:left={one}" for one in pairs)], robot)
     assert [one.name for one in catalogue().values() if one.exchanges] == ["swapped-cells"]
-    effects = sorted(exchanged, key=lambda one: one.effect.exchanges)
-    both = dataclasses.replace(found, effects=tuple(effects))
-    swapped = removed(observed, [effects[-1]])  # as exchanging them does
-    restored = removed(both.without_members(swapped), effects)
-    plain = dataclasses.replace(found, effects=tuple(effects[:-1])).cleaned(observed)
+    both = dataclasses.replace(found, effects=(tilt, *exchanged))
+    swapped = removed(observed, exchanged[::-1])  # as exchanging them does
+    restored = removed(both.without_members(swapped), both.effects)
+    plain = dataclasses.replace(found, effects=(tilt,)).cleaned(observed)
     assert packed(restored) == pytest.approx(packed(plain), abs=1e-6)
 
 
