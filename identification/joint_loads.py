@@ -41,7 +41,7 @@ class Loads:
         carried: load of the foot that a joint bears, stance and swing, with its sign, (m, n_joints, 2) [N].
         carries: that sign, (n_joints, 2).
         unseen: s.d. of the internal wrench by what the cells do not show, (3,) [N, N, Nm].
-        sideways: horizontal force of the ground on stance and swing foot, but that of motion, (m, 2, 2) [N].
+        pushes: see `joint_loads`.
     """
 
     torques: np.ndarray
@@ -60,7 +60,7 @@ class Loads:
     carried: np.ndarray
     carries: np.ndarray
     unseen: np.ndarray
-    sideways: np.ndarray
+    pushes: np.ndarray
 
     @cached_property
     def sharing(self) -> np.ndarray:
@@ -110,6 +110,14 @@ class Loads:
         )
         off = np.hypot(MISPLACED, self.place_sd)
         return np.sqrt(variance + (off * np.abs(self.carried).sum(axis=2)) ** 2)
+
+    @cached_property
+    def sideways(self) -> np.ndarray:
+        """Return the ground's horizontal force on stance and swing foot, but motion's, (m, 2, 2) [N]."""
+        shared = self.internal_wrench[:, :2]
+        out = np.stack([-shared, shared], axis=1)
+        out[np.arange(len(out)), self.geometry.on_swing_foot.astype(int)] += self.pushes
+        return out
 
     @property
     def stiffness(self) -> np.ndarray:
@@ -202,8 +210,6 @@ def joint_loads(
     yields = turns * (1 / servo_stiffness - (1 - left) / servo_gain)
     sags = friction / servo_gain + resisted / servo_stiffness
     push = -(yields @ torque[..., None] + turns @ sags[..., None])[..., 0]
-    sideways = np.stack([-push[:, :2], push[:, :2]], axis=1)
-    sideways[np.arange(len(push)), geometry.on_swing_foot.astype(int)] += pushes
     return Loads(
         torques=torque + resisted + (unknown @ push[..., None])[..., 0],
         internal_wrench=push,
@@ -221,7 +227,7 @@ def joint_loads(
         carried=carries * down[:, None],
         carries=carries,
         unseen=UNSEEN * (MOVING if moves else 1.0),
-        sideways=sideways,
+        pushes=pushes,
     )
 
 
