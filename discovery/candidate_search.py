@@ -40,7 +40,7 @@ GLANCED_NEAR = 15.0  # ln of the evidence at a glance, by which others that are 
 GLANCED = 0.2  # of the best gain at a glance: by so much more
 KEPT_CHANGES = 3  # sets of effects of which the candidates' changes are kept
 KEPT_FITS, KEPT_ROWS = 4, 6000  # calibrations whose fits are kept; rows of all calibrations that are kept
-ZERO_WITHIN = 2.0  # s.e.
+ZERO_WITHIN = 2.0  # s.e., by which noise may make a size negative that is zero
 ORDINARY = 1.0  # tolerances: the largest spread of a family in the search
 Key = tuple[tuple[str, tuple[float, ...]], ...]  # labels and values of effects
 

@@ -9,6 +9,7 @@ of its own.
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 
@@ -45,8 +46,15 @@ from tulip_testbed.identification.residual_noise import noise_of
 LEVEL = 0.005  # of the test of all effects, and of that of the four channels: 0.01 in all
 
 AGAIN = 4  # alternatives of each term, at most, that are compared by self-calibration
-Found = tuple[SelfCalibration, tuple[Fitted, ...], bool]  # with the terms, and whether they suffice
 RANKED = 12  # candidates that are kept for each term, however far behind
+
+
+class Chosen(NamedTuple):
+    """Effects that were chosen, their calibration, and whether no further one is known to be decisive."""
+
+    calibration: SelfCalibration
+    terms: tuple[Fitted, ...]
+    complete: bool
 
 
 @dataclass(frozen=True)
@@ -203,7 +211,7 @@ def _selected(
 ) -> Selection:
     """Add effects to some terms, whose calibration is given, until none is decisive."""
     found = _forward(search, selection.null, calibration, terms, selection.tests, progress)
-    if len(found[1]) == MOST_TERMS and not search.budget.spent:
+    if len(found.terms) == MOST_TERMS and not search.budget.spent:
         found = _begun_otherwise(search, selection, calibration, terms, found, progress)
     calibration, terms, complete = found
     calibration, terms = with_unusual_members(search, calibration, terms)
@@ -229,9 +237,9 @@ def _begun_otherwise(
     selection: Selection,
     start: SelfCalibration,
     terms: tuple[Fitted, ...],
-    found: Found,
+    found: Chosen,
     progress: Callable[[int], None],
-) -> Found:
+) -> Chosen:
     """Search again without the effect that was chosen first, and return what has more evidence.
 
     Where all effects that may be adopted do not suffice, the first may have stood for several others: for two
@@ -241,14 +249,14 @@ def _begun_otherwise(
         start, terms: where the search began. found: how it ended.
     """
     known = {term.label for term in terms}
-    first = next((term.label for term in found[1] if term.label not in known), None)
+    first = next((term.label for term in found.terms if term.label not in known), None)
     if first is None:
         return found
     fewer = replace(search, candidates=[one for one in search.candidates if one.label != first])
     again = _forward(fewer, selection.null, start, terms, selection.tests, progress)
-    if again[2]:  # unless the first is decisive in addition
-        again = _forward(search, selection.null, *again[:2], selection.tests, progress)
-    judged = [search.tried(several, start) for _, several, _ in (found, again)]
+    if again.complete:  # unless the first is decisive in addition
+        again = _forward(search, selection.null, again.calibration, again.terms, selection.tests, progress)
+    judged = [search.tried(one.terms, start) for one in (found, again)]
     order = [
         (False, -np.inf) if one is None else (one.steady and one.possible, one.evidence) for one in judged
     ]
@@ -262,8 +270,8 @@ def _forward(
     terms: tuple[Fitted, ...],
     tests: float,
     progress: Callable[[int], None],
-) -> Found:
-    """Add the best candidate, or pair, while it is decisive; also return whether no further one is known."""
+) -> Chosen:
+    """Add the best candidate, or pair, while it is decisive."""
     before = []
     while len(terms) < MOST_TERMS and not search.budget.spent:
         plain = search.tried(terms, calibration)
@@ -278,13 +286,13 @@ def _forward(
             pairs = search.pairs(calibration, terms)
             decisive = [one for one in pairs if is_decisive(one, before_all, tests, together=2)]
         if not decisive:
-            return calibration, terms, True
+            return Chosen(calibration, terms, complete=True)
         best = _without_idle(search, best_by_itself(search, decisive, calibration), calibration)
         if {term.label for term in best.terms} in before:
             break
         before.append({term.label for term in best.terms})
         calibration, terms = _at_best_times(search, search.calibrated(best), best.terms)
-    return calibration, terms, search.budget.spent
+    return Chosen(calibration, terms, complete=search.budget.spent)
 
 
 def best_by_itself(search: CandidateSearch, judged: Sequence[Judged], start: SelfCalibration) -> Judged:

@@ -9,7 +9,11 @@ import pytest
 from tests.edited_rows import changed, plus
 from tulip_testbed.effects.true_robot import true_base_parameters, true_model
 from tulip_testbed.experiments.checks import within
+from tulip_testbed.experiments.identify import identify
+from tulip_testbed.experiments.laboratory import Laboratory
+from tulip_testbed.experiments.validate import evaluate
 from tulip_testbed.identification.base_parameters import standard_parameters
+from tulip_testbed.identification.estimators import MIXED_MODEL
 from tulip_testbed.sim.dynamics import dynamic_run as laboratory
 from tulip_testbed.sim.dynamics.balance import balance_of
 from tulip_testbed.sim.dynamics.dynamic_run import run_dynamics, run_placement
@@ -157,6 +161,18 @@ def test_wii_passes_and_looks_like_the_paper(wii):
     for pair in ((12, 13), (15, 16)):
         assert -0.999 < rho.pop(pair) < -0.95
     assert all(abs(value) < 0.95 for value in rho.values())
+
+
+def test_a_laboratory_with_one_cell_10_percent_high_fails(wii, robot):
+    """The same readings, but one cell amplified: as its bridge would."""
+    run = Laboratory(robot, "wii").run(wii.plan, 102, "statics")
+    measured = run.measurements
+    forces = measured.cell_forces * np.where(np.arange(8) == 0, 1.1, 1.0)
+    run = dataclasses.replace(run, measurements=dataclasses.replace(measured, cell_forces=forces))
+    checks = evaluate(run, identify(run.measurements, robot, estimator=MIXED_MODEL), wii.truth)
+    failed = {check.name for check in checks if check.result == "fail"}
+    assert "full model: all errors" in failed
+    assert "total mass" in failed
 
 
 def test_truth_of_an_edited_robot_has_its_masses_and_lengths(robot, plan):

@@ -12,6 +12,7 @@ from tulip_testbed.discovery import candidate_search
 from tulip_testbed.discovery.candidate_search import CandidateSearch, Judged
 from tulip_testbed.discovery.candidates import Candidate, Fitted
 from tulip_testbed.discovery.selection import (
+    Chosen,
     _begun_otherwise,
     _chance,
     _without_idle,
@@ -87,7 +88,7 @@ def test_a_term_that_the_newest_makes_idle_goes_once_both_came_to_rest():
     assert [term.label for term in best.terms] == ["sole"]
 
 
-def test_the_only_member_of_a_family_is_notjudged_against_itself():
+def test_the_only_member_of_a_family_is_not_judged_against_itself():
     """With the payload the drift of all gains stays in its family, and explains the readings from there."""
     drift, payload = explains("drift", 8.7, target=""), explains("payload", 8.6)
     search: Any = Evidences({"drift": 0.0, "payload": 2.7})
@@ -195,10 +196,10 @@ def test_where_the_effects_do_not_suffice_the_first_is_left_out(monkeypatch, pla
 
     def forward(search, null, begun, terms, *_):
         if terms:  # nothing is decisive in addition
-            return begun, terms, True
+            return Chosen(begun, terms, complete=True)
         every = {one.label for one in search.candidates}
         way = "commands" if "command" in every else "plays"
-        return way, found[way], way == "plays"
+        return Chosen(cast(Any, way), found[way], complete=way == "plays")
 
     @dataclasses.dataclass
     class Choice:
@@ -211,9 +212,9 @@ def test_where_the_effects_do_not_suffice_the_first_is_left_out(monkeypatch, pla
     monkeypatch.setattr("tulip_testbed.discovery.selection._forward", forward)
     search: Any = Choice([one.candidate for one in (command, play, more)])
     begun, selection = cast(Any, None), SimpleNamespace(null=None, tests=1.0)
-    first = ("commands", found["commands"], False)
-    again = _begun_otherwise(search, cast(Any, selection), begun, (), cast(Any, first), lambda _: None)
-    assert again[0] == kept
+    first = Chosen(cast(Any, "commands"), found["commands"], complete=False)
+    again = _begun_otherwise(search, cast(Any, selection), begun, (), first, lambda _: None)
+    assert again.calibration == kept
 
 
 @pytest.mark.parametrize(("at_a_glance", "count"), [(15.0, 2), (7.0, 1)])
