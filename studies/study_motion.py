@@ -1,10 +1,9 @@
 """Measure the intervals of a robot that moves, and standard errors against time (docs/studies/motion.md; hours).
 
-Coverage: random robots stand in ordinary laboratories and move in the full dynamics, one plan a speed. Faults:
-what `discover` says of such records, as they are and with one instrument at fault. Hidden: the same of
-laboratories with one fault, each simulated. Sizes: how large faults of a joint must be to be found in holds, and in
-motion of the same laboratory time. Time: one laboratory holds postures in statics, another moves through the same
-ones in the full dynamics.
+Coverage: random robots stand in ordinary laboratories and move in the full dynamics, one plan a speed. One foot:
+the same where they stand on one foot as well. Nothing, hidden: what `discover` says of such records, and of
+laboratories with one fault. Sizes: how large faults of a joint must be to be found in holds, and in motion of the
+same laboratory time. Time: a laboratory holds postures in statics, others move in the full dynamics.
 """
 
 import csv
@@ -25,7 +24,7 @@ from studies.hidden_effects.laboratories import Built
 from studies.hidden_effects.readings import Values
 from studies.runner import Settings, header, row, share, shipped_plan
 from studies.study_hidden_effects import written
-from studies.teaching.style import DOCS, GREY, X, card, save_svg
+from studies.teaching.style import DOCS, GREY, X, Y, card, save_svg
 from tulip_testbed.base.errors import InputError
 from tulip_testbed.calibration.self_calibration import as_log_shows, with_independent_rows
 from tulip_testbed.discovery.candidate_search import CandidateSearch, calibrated_data, first_calibration
@@ -40,22 +39,20 @@ from tulip_testbed.effects.true_robot import true_base_parameters
 from tulip_testbed.experiments.identify import Identification
 from tulip_testbed.experiments.imperfections import drawn, single_stream
 from tulip_testbed.experiments.laboratory import FROM_POSTURE_TO_POSTURE
+from tulip_testbed.identification.base_parameters import common_support
 from tulip_testbed.identification.noise_in_time import WHITE
 from tulip_testbed.identification.nominal import nominal_robot
 from tulip_testbed.identification.observation import observe
 from tulip_testbed.measurements import Measurements, PosturePlan
-from tulip_testbed.measurements.cells import CELLS
-from tulip_testbed.measurements.logs.series_reduction import reduced_motion
 from tulip_testbed.sim.plan_folder import read_plan, write_plan
 from tulip_testbed.sim.robot import Robot, joint_names, load_robot
 
 PLACEMENTS, POSTURES, PLAN_SEED = 6, 20, 5
 SPEEDS = {"slow": 0.1, "usual": 0.3, "fast": 0.6}  # rad/s of the fastest joint
-SETTINGS = Settings(seed=500, only=(*SPEEDS, "faults", "hidden", "sizes", "time"))
-RUNS = 20  # of a speed and preset
-LABORATORIES, LONGER = 5, (10, 40)  # with faults; placements and postures of each: 12 minutes
-# Zeros of two joints, the gain of a cell, the tare of a cell; the sign and the instrument are drawn.
-FAULTS = {"encoder-offset": np.radians(1.0), "cell-gain": 0.12, "cell-tare": 8.0}
+ONE_FOOT = "one-foot"
+SETTINGS = Settings(seed=500, only=(*SPEEDS, ONE_FOOT, "nothing", "hidden", "sizes", "time"))
+RUNS, OF_ONE_FOOT = 20, 200  # of a speed and preset; through the postures of the shipped mixed plan
+LABORATORIES, LONGER = 12, (10, 40)  # with nothing hidden; placements and postures of each: 12 minutes
 CASES, LEAST_ROWS = 20, 3  # hidden faults; every third posture, as many as the motion has independent rows
 FRICTION = "reading by direction"  # of an encoder on the motor, through what yields
 OF_JOINTS = {
@@ -71,7 +68,8 @@ PRESETS = ("wii", "force-plate")
 PAPER = Path(__file__).resolve().parents[1] / "assets" / "tulip_mjcf" / "table2.csv"
 PAPERS_POSTURES, PLACING, HOLD = 108, 10.0, 1.0  # min
 MOVED, MOVES = 26, 60.0  # placements, and minutes of motion: with the placing the same day
-PARTS = {"holds": (8, 12, 16, 22), "motion": (4, 8, 15, 22, MOVED)}  # first placements
+# First placements of every support.
+PARTS = {"holds": (8, 12, 16, 22), "motion": (4, 8, 15, 22, MOVED), "motion, also on one foot": (1, 2, 3, 4)}
 
 
 @cache
@@ -99,6 +97,61 @@ def one(speed: str, sensors: str, seed: int) -> dict:
         fit = tt.identify(run, tolerances=tolerances)
         found[name] = off(fit, true_base_parameters(run.laboratory.rig))
     return found
+
+
+@cache
+def on_one_foot() -> PosturePlan:
+    """Return the plan that goes through all postures of the shipped mixed plan, kept likewise."""
+    folder = Path("runs") / "study-motion" / "plan-mixed"
+    if not folder.exists():
+        write_plan(folder, tt.plan_motion("mixed").plan)
+    return read_plan(folder, load_robot())
+
+
+def of_one_foot(seed: int) -> dict:
+    """Return errors and standard errors of an estimate with the paper's parameters over the paper's."""
+    run = laboratory("wii", seed).run(on_one_foot(), seed=seed, engine="dynamics", workers=1)
+    assert run.samples is not None
+    fit = tt.identify(run)
+    truth = true_base_parameters(run.laboratory.rig, common_support(run.measurements.support))
+    ratios = {"kept": len(run.samples) / len(on_one_foot().motion or ()), "ratio": over_papers(fit).tolist()}
+    return off(fit, truth) | ratios
+
+
+def over_papers(fit: Identification) -> np.ndarray:
+    """Return the standard errors of the parameters that the paper has, over the paper's, (25,)."""
+    with PAPER.open() as file:
+        table = list(csv.DictReader(file))
+    paper = np.array([abs(float(r["full_mm"])) * float(r["full_rel_se_percent"]) / 100 for r in table])
+    own = fit.full.names
+    rows = [own.index(name) for name in nominal_robot(load_robot()).parameters.names]
+    return 1e3 * np.sqrt(np.diag(fit.full.covariance))[rows] / paper
+
+
+def one_foot(settings: Settings) -> Iterator[str]:
+    """Yield a row of coverage and of standard errors for a robot that stands on one foot as well."""
+    seeds = range(settings.seed, settings.seed + settings.count(OF_ONE_FOOT))
+    calls = {settings.folder("motion") / f"{ONE_FOOT}-{seed}.json": (seed,) for seed in seeds}
+    on_one_foot()  # once, before workers ask for it
+    fits = settings.kept("on one foot", of_one_foot, calls)
+    covered, errors = np.array([fit["covered"] for fit in fits]), np.array([fit["z"] for fit in fits])
+    ratios = np.array([fit["ratio"] for fit in fits])
+    yield "\n" + header(
+        *("runs", "motion that is kept", "95 % intervals that cover", "r.m.s. error, s.e.", "chi2/p"),
+        *("median s.e. over the paper's (range)", "largest (range)"),
+    )
+    yield row(
+        *(
+            len(fits),
+            f"{np.mean([fit['kept'] for fit in fits]):.2f}",
+            share(int(covered.sum()), covered.size),
+        ),
+        *(f"{np.sqrt(np.mean(errors**2)):.2f}", f"{np.mean([fit['chi2'] for fit in fits]):.2f}"),
+        *(
+            f"{np.median(each):.3f} ({each.min():.3f} to {each.max():.3f})"
+            for each in (np.median(ratios, axis=1), ratios.max(axis=1))
+        ),
+    )
 
 
 def off(fit: Identification, truth: np.ndarray) -> dict:
@@ -143,40 +196,21 @@ def coverage(settings: Settings) -> Iterator[str]:
             )
 
 
-def discoveries(seed: int) -> list[list]:
-    """Return what is hidden in a laboratory's record and what `discover` says of it, case by case."""
-    rng, cases = np.random.default_rng(seed), []
+def nothing_hidden(seed: int) -> str:
+    """Return what `discover` says of the record of a laboratory with nothing but imperfections."""
     run = laboratory("wii", seed).run(moving(0.3, *LONGER), seed=seed, engine="dynamics", workers=1)
-    assert run.samples is not None
-    for kind in ("", *FAULTS, "encoder-offset"):
-        samples, label = run.samples, ""
-        if kind:
-            field = "joint_angles" if kind.startswith("encoder") else "cell_forces"
-            readings = getattr(samples, field).copy()
-            k, size = int(rng.integers(readings.shape[1])), rng.choice([-1.0, 1.0]) * FAULTS[kind]
-            readings[:, k] = readings[:, k] * (1 + size) if kind == "cell-gain" else readings[:, k] + size
-            samples = replace(samples, **{field: readings})
-            label = f"{kind}:{(samples.joints if field == 'joint_angles' else CELLS)[k]}"
-        found = tt.discover(reduced_motion(samples))
-        names = [one.label for one in found.adopted]
-        cases.append([kind, label, found.verdict, names, label in names[:1]])
-    return cases
+    return tt.discover(run).verdict
 
 
-def faults(settings: Settings) -> Iterator[str]:
-    """Yield a row a kind of fault."""
+def nothing(settings: Settings) -> Iterator[str]:
+    """Yield how often every verdict is given where nothing is hidden."""
     seeds = range(settings.seed, settings.seed + settings.count(LABORATORIES))
-    calls = {settings.folder("motion") / f"faults-{seed}.json": (seed,) for seed in seeds}
+    calls = {settings.folder("motion") / f"nothing-{seed}.json": (seed,) for seed in seeds}
     moving(SPEEDS["usual"], *LONGER)  # once, before workers ask for it
-    yield "\n" + header("hidden", "records", "named first", "other name", "verdicts")
-    found = [case for cases in settings.kept("faults", discoveries, calls) for case in cases]
-    for kind in ("", *FAULTS):
-        of_kind = [case for case in found if case[0] == kind]
-        right = sum(first for *_, first in of_kind)
-        named = sum(verdict in ("named", "described") for _, _, verdict, *_ in of_kind)
-        verdicts = Counter(verdict for _, _, verdict, *_ in of_kind)
-        told = ", ".join(f"{count} `{verdict}`" for verdict, count in verdicts.most_common())
-        yield row(kind or "nothing", len(of_kind), right if kind else "", named - right, told)
+    verdicts = Counter(settings.kept("nothing hidden", nothing_hidden, calls))
+    yield "\nNothing hidden: " + ", ".join(
+        f"{count} `{verdict}`" for verdict, count in verdicts.most_common()
+    )
 
 
 def hidden_fault(seed: int, kind: str) -> Outcome:
@@ -280,38 +314,42 @@ def sizes(settings: Settings) -> Iterator[str]:
 
 
 def equal_time(settings: Settings) -> Iterator[str]:
-    """Yield a row a number of placements, for holds and for motion; draw them."""
-    with PAPER.open() as file:
-        table = list(csv.DictReader(file))
-    paper = np.array([abs(float(r["full_mm"])) * float(r["full_rel_se_percent"]) / 100 for r in table])
+    """Yield a row a number of placements, for holds and for motions; draw them."""
     plan, inside = shipped_plan(load_robot()), laboratory("wii", settings.seed)
     motion = tt.plan_motion(plan.take(plan.placement <= MOVED), minutes=MOVES).plan
     few, seed = plan.take(np.arange(PAPERS_POSTURES)), settings.seed
     held = inside.run(few, seed=seed, engine="statics").measurements
-    moved = inside.run(motion, seed=seed, engine="dynamics", workers=settings.workers).measurements
+    moved, lifted = (
+        inside.run(each, seed=seed, engine="dynamics", workers=settings.workers).measurements
+        for each in (motion, on_one_foot())
+    )
     yield "\n" + header(
         *("what", "placements", "robot time, min", "laboratory time, min", "rows"),
         *("median s.e. over the paper's", "largest"),
     )
     with card(8.2, 3.2) as (figure, ax):
-        for name, data, colour in (("holds", held, GREY), ("motion", moved, X)):
-            each = HOLD if name == "holds" else float(np.median(np.diff(data.time))) / 60
-            curve = []
-            for placements in PARTS[name]:
-                part = data.take(data.placement <= placements)
-                ratios = 1e3 * np.sqrt(np.diag(tt.identify(part).full.covariance)) / paper
+        of_each = {"holds": (held, GREY), "motion": (moved, X), "motion, also on one foot": (lifted, Y)}
+        for name, (data, colour) in of_each.items():
+            each, curve = HOLD if data is held else float(np.median(np.diff(data.time))) / 60, []
+            ranks = np.empty(len(data), int)  # of a row's placement among those of its support
+            for support in np.unique(data.support):
+                rows = data.support == support
+                ranks[rows] = np.unique(data.placement[rows], return_inverse=True)[1] + 1
+            for most in PARTS[name]:
+                part = data.take(ranks <= most)
+                ratios = over_papers(tt.identify(part))
                 robot, middle = each * len(part), float(np.median(ratios))
-                day = robot + PLACING * len(np.unique(part.placement))
+                placements = len(np.unique(part.placement))
                 curve.append((robot, middle))
                 yield row(
-                    *(name, placements, f"{robot:.0f}", f"{day:.0f}", len(part)),
+                    *(name, placements, f"{robot:.0f}", f"{robot + PLACING * placements:.0f}", len(part)),
                     *(f"{middle:.3f}", f"{ratios.max():.2f}"),
                 )
             ax.plot(*zip(*curve, strict=True), "o-", color=colour, label=name)
         ax.axhline(1.0, color="black", linestyle="--", linewidth=1.0, label="the paper's standard errors")
         ax.set(xlabel="robot time without placing, min", ylabel="median s.e. over the paper's")
         ax.set_ylim(0)
-        figure.legend(loc="outside upper left", ncols=3)
+        figure.legend(loc="outside upper left", ncols=4)
         save_svg(figure, DOCS / "motion-time.svg")
 
 
@@ -319,7 +357,7 @@ def study(settings: Settings) -> Iterator[str]:
     """Yield the tables of the parts."""
     if set(settings.only) & set(SPEEDS):
         yield from coverage(settings)
-    parts = {"faults": faults, "hidden": hidden, "sizes": sizes, "time": equal_time}
+    parts = {ONE_FOOT: one_foot, "nothing": nothing, "hidden": hidden, "sizes": sizes, "time": equal_time}
     for part, make in parts.items():
         if part in settings.only:
             yield from make(settings)

@@ -26,6 +26,7 @@ from tulip_testbed.sim.plan_folder import check_fits
 from tulip_testbed.sim.robot import Robot
 
 MOST_MINUTES = 60.0  # of 64 MB, a file
+TOGETHER = 12  # most postures on one foot that share a placement
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -88,7 +89,7 @@ def moving_plan(
     check_fits("plan", plan, robot)
     check_measurable(robot)
     _, first = np.unique(np.column_stack([plan.placement, plan.posture]), axis=0, return_index=True)
-    plan = plan.take(np.sort(first))  # in motion nothing is repeated
+    plan = _gathered(plan.take(np.sort(first)))  # in motion nothing is repeated
     planner = MotionPlanner(robot, plan, speed)
     stances = [*stances_in_order(planner, list(dict.fromkeys(plan.placement.tolist())), progress)]
     ways, left_out = list[list[tuple[int, int]]](), Counter[str]()
@@ -136,6 +137,22 @@ def moving_plan(
         plan=moving,
         notes=notes,
     )
+
+
+def _gathered(plan: PosturePlan) -> PosturePlan:
+    """Return a plan in which postures on one foot share placements; those of `plan_optimal` share none.
+
+    A placement is that of its first posture. Only postures that are alone on theirs are gathered, of one foot
+    and with the plates at one place.
+    """
+    alone = (plan.placement[:, None] == plan.placement).sum(axis=1) == 1
+    placement, groups = plan.placement.copy(), dict[tuple, list[int]]()
+    for row in np.flatnonzero(alone & (plan.support != "double")).tolist():
+        groups.setdefault((str(plan.support[row]), *plan.swing_pose[row].tolist()), []).append(row)
+    for rows in groups.values():
+        for some in np.array_split(rows, -(-len(rows) // TOGETHER)):
+            placement[some] = placement[some[0]]
+    return replace(plan, placement=placement)
 
 
 def _trajectory(

@@ -40,10 +40,10 @@ SLIP = 1e-3  # m, of a foot on its plate in a motion, beyond which the recorded 
 
 
 class _Segment(NamedTuple):
-    """Readings of the sensors in a segment.
+    """Readings of the sensors in a segment, or in a part of one, to where the robot tips.
 
     Attributes:
-        number: place in the trajectory. first: sample of it at which the robot began.
+        number: place in the trajectory. first: sample of it at which the robot began, or began again.
         command: (k, n_joints) [rad]. readings: see `read_sensors`, (k, ...).
         plates: recorded poses, (2, 3) [m, m, rad]. good: which samples can be used, (k,).
         reason: why some cannot, or "".
@@ -68,9 +68,10 @@ def run_motion(
     """Simulate a plan that moves in the full dynamics.
 
     The robot stands as for a hold before every segment; if it cannot hold the first posture, the segment
-    begins at the next one. Samples at which a foot has lifted or slipped are left out, and a new segment
-    begins behind them; the truth says why. Every placement has its own random stream, so that the result does
-    not depend on `workers`. `progress` is called with the number of segments of each part that is done.
+    begins at the next one, and so it does if it tips on the way. Samples at which a foot has lifted or slipped
+    are left out, and a new segment begins behind them; the truth says why. Every placement has its own random
+    stream, so that the result does not depend on `workers`. `progress` is called with the number of segments
+    of each part that is done.
     """
     motion = plan.motion
     assert motion is not None
@@ -97,10 +98,10 @@ def run_motion(
     segments: list[_Segment] = []
     for some in done:
         segments += some
-        progress(len(some))
+        progress(len({one.number for one in some}))
     segments.sort(key=lambda segment: segment.number)
-    dropped = tuple((int(motion.segment[first[one.number]]), one.reason) for one in segments if one.reason)
-    truth = replace(truth_of(rig), zeros=zeros, dropped=dropped)
+    dropped = {int(motion.segment[first[one.number]]): one.reason for one in segments if one.reason}
+    truth = replace(truth_of(rig), zeros=zeros, dropped=tuple(dropped.items()))
     samples = _samples(rig, motion, time, segments, weigh(rig, truth.mass, shared))
     return MovingOutcome(reduced_motion(samples), truth, samples)
 
@@ -134,8 +135,10 @@ def _move_on_placement(
         noise = rig.controller.command_sd * rng.standard_normal(len(plan.joints))
         feed = np.zeros_like(motion.joint_angles[rows]) if motion.torques is None else motion.torques[rows]
         sent = motion.joint_angles[rows] + noise + stand.offset(feed)
-        angles, held, lost = motion.joint_angles[rows], None, ""
-        for first in _stops(angles, round(rig.protocol.window * RATE)):
+        angles, lost, before_this = motion.joint_angles[rows], "", len(out)
+        stops = _stops(angles, round(rig.protocol.window * RATE))
+        while stops:
+            first, *stops = stops
             start = angles[first]
             if before is None or motion.support[rows.start] != support:
                 support = str(motion.support[rows.start])
@@ -145,19 +148,19 @@ def _move_on_placement(
             recorded = stand.plates_in_base() + error if recorded is None else recorded
             held, reason = hold(stand, start)
             before, lost = None, lost or reason or ""
-            if held is not None:
-                break
-        readings, good = {}, np.zeros(0, bool)
-        if held is not None:
+            if held is None:
+                continue
             states, good, reason = _follow(stand, motion.time[rows][first:], angles[first:], sent[first:])
             joints, motors = states[:2]
             forces, wrenches = (delayed(rig.sensors, each, 1 / RATE) for each in states[2:])
             readings = read_sensors(rig, joints, motors, forces, wrenches, zeros, rng, read)
-            before = None if first + len(good) < len(sent) else angles[-1]
-            lost = lost or reason
-        assert recorded is not None  # a segment has a first stop
-        command = sent[first : first + len(good)]
-        out.append(_Segment(number, first, command, readings, recorded, good, lost))
+            end, lost = first + len(good), lost or reason
+            out.append(_Segment(number, first, sent[first:end], readings, recorded, good, lost))
+            stops = [stop for stop in stops if stop >= end]
+            before = None if end < len(sent) else angles[-1]
+        if len(out) == before_this:
+            assert recorded is not None  # a segment has a first stop
+            out.append(_Segment(number, 0, sent[:0], {}, recorded, np.zeros(0, bool), lost))
     return out
 
 
