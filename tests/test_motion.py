@@ -23,6 +23,7 @@ from tulip_testbed.effects.instance import EffectInstance, removed
 from tulip_testbed.effects.laws.misread import undo
 from tulip_testbed.effects.motion_effects import LAG, MOTION_EFFECTS
 from tulip_testbed.experiments.discovery_curves import about_stances
+from tulip_testbed.experiments.protocols import motion_plan
 from tulip_testbed.identification.center_of_pressure import center_of_pressure
 from tulip_testbed.identification.inertial_wrench import inertial_parameters, link_wrenches
 from tulip_testbed.identification.nominal import nominal_robot
@@ -401,6 +402,32 @@ def test_a_posture_that_cannot_be_held_costs_the_way_to_the_next_one(robot, thre
     assert np.abs(run.samples.joint_angles - plan.motion.joint_angles[first:]).max() < 0.02
     late = moving_run._times(run.laboratory.rig, plan.motion)[first]
     assert run.samples.time[0] == pytest.approx(late)
+
+
+def test_a_robot_that_tips_goes_on_at_the_next_posture(robot):
+    mixed = tt.plans.mixed
+    few = mixed.take(np.flatnonzero(mixed.support == "left")[:3])
+    plan: Any = tt.plan_motion(few, robot, speed=0.6).plan
+    run: Any = tt.Laboratory(robot, sensors=EXACT, random_robot=(0.1, 2)).run(plan, workers=1)
+    assert run.truth.dropped == ((1, "tipped"),)
+    time = run.samples.time - moving_run._times(run.laboratory.rig, plan.motion)[0]
+    lost = int(np.diff(time).argmax())
+    second = int(np.abs(plan.motion.joint_angles - plan.joint_angles[1]).max(axis=1).argmin())
+    assert 0 < time[lost] < plan.motion.time[second] == pytest.approx(time[lost + 1])
+    assert time[-1] == pytest.approx(plan.motion.time[-1])
+
+
+def test_postures_on_one_foot_share_placements_in_a_motion():
+    mixed = tt.plans.mixed
+    together = motion_plan._gathered(mixed)
+    both = mixed.support == "double"
+    np.testing.assert_array_equal(together.placement[both], mixed.placement[both])
+    for foot in ("right", "left"):
+        _, counts = np.unique(together.placement[mixed.support == foot], return_counts=True)
+        assert counts.tolist() == [11, 11, 11, 11]
+    assert len(np.unique(together.placement)) == 12
+    moved = replace(mixed, swing_pose=mixed.swing_pose + np.arange(len(mixed))[:, None])
+    np.testing.assert_array_equal(motion_plan._gathered(moved).placement, mixed.placement)
 
 
 @pytest.mark.slow
