@@ -348,6 +348,12 @@ def test_a_check_of_a_motion_says_what_is_wrong(moved, changes, words):
     check_words(words, f"{one.name}: {one.result}; {one.where}")
 
 
+def test_a_correct_motion_passes_checks_of_rows_whose_noise_is_not_independent(robot, planned):
+    run: Any = tt.Laboratory(robot, sensors="force-plate").run(planned.plan, seed=4, workers=2)
+    found = checks(run)
+    assert found["weight balance"].result == found["legs close"].result == "pass"
+
+
 def test_samples_of_a_clock_that_jumps_become_rows(moved):
     s = moved.samples
     jump = replace(s, time=s.time + 1e12 * (s.posture == s.posture[0]) * (s.time > 2))

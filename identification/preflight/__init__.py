@@ -6,7 +6,9 @@ import numpy as np
 
 from tulip_testbed.base.errors import InputError
 from tulip_testbed.identification.base_parameters import common_support
+from tulip_testbed.identification.noise_in_time import apart
 from tulip_testbed.identification.nominal import Nominal, nominal_robot
+from tulip_testbed.identification.observation import observe
 from tulip_testbed.identification.preflight import (
     agreement,
     cell_wiring,
@@ -28,6 +30,7 @@ FORCES = (
     *("single postures", "single placements", "scatter about the model"),
 )
 LEGS = ("feet on plates", "legs close", "feet stay")
+APART = 4.0  # s, between rows of a moving record: twice as long as the noise of cells usually lasts
 READINGS = (
     *("joint limits", "stuck readings", "cell loads", "stated noise", "steady windows", "settling"),
     *("series and table", "weight balance", "constant weight", "drift", "plate poses"),
@@ -59,12 +62,12 @@ def preflight(
     if found.result == "fail":
         return [*findings, *_skip(rest, "correct the units first")]
     if m.contacts is not None:
-        return [*findings, *_of_wrenches(m, nominal, usual_changes(m))]
+        some = _independent(m, nominal)
+        return [*findings, *_of_wrenches(m, some, nominal, usual_changes(some))]
     loads = readings.cell_loads(m)
     # Cells whose loads are wrong say nothing about how much yields: as if both feet bore the same.
     level = np.full_like(m.cell_forces, np.median(m.cell_forces.sum(axis=1)) / m.cell_forces.shape[1])
     read = replace(m, cell_forces=level) if loads.result == "fail" else m
-    usual = usual_changes(read)
     findings += [
         units.joint_limits(m, nominal),
         readings.stuck(m, nominal),
@@ -73,9 +76,13 @@ def preflight(
         settling.steady_windows(m),
         settling.settling(m, series),
         settling.series_agrees(m, series),
-        forces.weight_balance(m, usual),
-        forces.constant_weight(m, usual),
-        forces.drift(m, nominal, usual),
+    ]
+    some, read = _independent(m, nominal), _independent(read, nominal)
+    usual = usual_changes(read)
+    findings += [
+        forces.weight_balance(some, usual),
+        forces.constant_weight(some, usual),
+        forces.drift(some, nominal, usual),
         stance_checks.plate_poses(m),
     ]
     if (single := m.support != "double").any():
@@ -83,17 +90,33 @@ def preflight(
         reason = f"{row_name(m, row)} stands on one foot ('{m.support[row]}'); this check needs both feet"
         findings += _skip((*LEGS, *FORCES), reason)
         return [*findings, identifiable(m, nominal_robot(nominal.robot, common_support(m.support)), None)]
-    findings += [stance_checks.feet_on_plates(m, nominal), *stance_checks.legs(m, nominal, usual)]
-    noise = reading_noise(m, nominal)
+    findings += [stance_checks.feet_on_plates(some, nominal), *stance_checks.legs(some, nominal, usual)]
+    noise = reading_noise(some, nominal)
     if loads.result == "fail":
-        findings += _fits(m, nominal, noise, None)
+        findings += _fits(some, nominal, noise, None)
         findings += _skip(FORCES[1:], "correct the cells' loads first")
         return [*findings, identifiable(m, nominal, None)]
-    findings += [stance_checks.load_in_soles(m, nominal), agreement.repeats(m, nominal, noise)]
-    return [*findings, *_fits(m, nominal, noise, usual), identifiable(m, nominal, noise)]
+    findings += [stance_checks.load_in_soles(some, nominal), agreement.repeats(some, nominal, noise)]
+    fits = _fits(some, nominal, noise, usual)
+    return [*findings, *fits, identifiable(m, nominal, reading_noise(m, nominal))]
 
 
-def _of_wrenches(m: Measurements, nominal: Nominal, usual: Usual) -> list[Finding]:
+def _independent(m: Measurements, nominal: Nominal) -> Measurements:
+    """Return rows of a moving record whose noise is independent, without vertical inertial forces by CAD."""
+    if m.joint_rates is None or m.joint_accelerations is None:
+        return m
+    observed = observe(m, nominal_robot(nominal.robot, common_support(m.support)))
+    if not observed.moves:
+        return m
+    rows = apart(m.time, observed.segment, APART)
+    force = m.cell_forces.sum(axis=1, keepdims=True)
+    weight = np.divide(
+        force - observed.motion.by_cad[:, 2:3], force, out=np.ones_like(force), where=force > 0
+    )
+    return replace(m, cell_forces=m.cell_forces * weight).take(rows)
+
+
+def _of_wrenches(m: Measurements, some: Measurements, nominal: Nominal, usual: Usual) -> list[Finding]:
     reason = "needs the readings of vertical cells; there are wrench sensors"
     findings = [
         units.joint_limits(m, nominal),
@@ -104,11 +127,11 @@ def _of_wrenches(m: Measurements, nominal: Nominal, usual: Usual) -> list[Findin
         forces.carried_weight(m, nominal),
         forces.horizontal_forces(m, nominal),
         forces.conventions(m, nominal),
-        forces.drift(m, nominal, usual),
+        forces.drift(some, nominal, usual),
         *_skip(("plate poses", "feet on plates"), reason),
     ]
     if (m.support == "double").all():
-        findings += stance_checks.legs(m, nominal, usual)
+        findings += stance_checks.legs(some, nominal, usual)
     else:
         findings += _skip(LEGS[1:], "some posture stands on one foot; this check needs both feet")
     findings += _skip(FORCES, reason)

@@ -63,8 +63,10 @@ def bonferroni(p_values: ArrayLike) -> float:
 
 
 def row_name(measurements: Measurements, row: int) -> str:
-    """Return the name of a posture with its row and placement."""
-    return f"posture {measurements.posture[row]} (row {row + 1}, placement {measurements.placement[row]})"
+    """Return the name of a posture with its placement, and its row if the robot is held in it."""
+    place = f"placement {measurements.placement[row]}"
+    held = f"row {row + 1}, " if measurements.joint_rates is None else ""
+    return f"posture {measurements.posture[row]} ({held}{place})"
 
 
 def few(texts: list[str]) -> list[str]:
