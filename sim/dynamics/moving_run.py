@@ -68,10 +68,10 @@ def run_motion(
     """Simulate a plan that moves in the full dynamics.
 
     The robot stands as for a hold before every segment; if it cannot hold the first posture, the segment
-    begins at the next one, and so it does if it tips on the way. Samples at which a foot has lifted or slipped
-    are left out, and a new segment begins behind them; the truth says why. Every placement has its own random
-    stream, so that the result does not depend on `workers`. `progress` is called with the number of segments
-    of each part that is done.
+    begins at the next one, and so it does if the robot tips on the way. Samples at which a foot has lifted or
+    slipped are left out, and a new segment begins behind them; the truth says why. Every placement has its
+    own random stream, so that the result does not depend on `workers`. `progress` is called with the number
+    of segments of each part that is done.
     """
     motion = plan.motion
     assert motion is not None
