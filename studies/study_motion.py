@@ -50,6 +50,7 @@ from tulip_testbed.sim.robot import Robot, joint_names, load_robot
 PLACEMENTS, POSTURES, PLAN_SEED = 6, 20, 5
 SPEEDS = {"slow": 0.1, "usual": 0.3, "fast": 0.6}  # rad/s of the fastest joint
 ONE_FOOT = "one-foot"
+ARMS = {name: (speed,) for name, speed in SPEEDS.items()} | {ONE_FOOT: (SPEEDS["usual"], 0, 0)}
 SETTINGS = Settings(seed=500, only=(*SPEEDS, ONE_FOOT, "nothing", "hidden", "sizes", "time"))
 RUNS, OF_ONE_FOOT = 20, 200  # of a speed and preset; through the postures of the shipped mixed plan
 LABORATORIES, LONGER = 12, (10, 40)  # with nothing hidden; placements and postures of each: 12 minutes
@@ -74,11 +75,18 @@ PARTS = {"holds": (8, 12, 16, 22), "motion": (4, 8, 15, 22, MOVED)}
 
 @cache
 def moving(speed: float, placements: int = PLACEMENTS, postures: int = POSTURES) -> PosturePlan:
-    """Return the plan that random robots follow; kept, since planning takes longer than a simulation."""
+    """Return the plan that random robots follow; kept, since planning takes longer than a simulation.
+
+    It goes through random postures, or without placements through those of the shipped mixed plan.
+    """
     folder = Path("runs") / "study-motion" / f"plan-{speed:g}-{placements}-{postures}"
     if not folder.exists():
-        drawn_plan = tt.draw_plan(placements=placements, per_placement=postures, seed=PLAN_SEED).plan
-        write_plan(folder, tt.plan_motion(drawn_plan, speed=speed).plan)
+        random = (
+            tt.draw_plan(placements=placements, per_placement=postures, seed=PLAN_SEED)
+            if placements
+            else None
+        )
+        write_plan(folder, tt.plan_motion(random.plan if random else "mixed", speed=speed).plan)
     return read_plan(folder, load_robot())
 
 
@@ -87,35 +95,19 @@ def laboratory(sensors: str, seed: int) -> tt.Laboratory:
     return drawn(tt.Laboratory(sensors=sensors, random_robot=(0.1, seed)), 1.0, single_stream(seed))
 
 
-def one(speed: str, sensors: str, seed: int) -> dict:
+def one(arm: str, sensors: str, seed: int) -> dict:
     """Return how far estimates lie off in standard errors, with and without the inertias."""
-    run = laboratory(sensors, seed).run(moving(SPEEDS[speed]), seed=seed, engine="dynamics", workers=1)
-    found: dict = {"minutes": len(run.samples or ()) / 6000, "rows": len(run.measurements)}
+    plan = moving(*ARMS[arm])
+    run = laboratory(sensors, seed).run(plan, seed=seed, engine="dynamics", workers=1)
+    truth = true_base_parameters(run.laboratory.rig, common_support(run.measurements.support))
+    samples = len(run.samples or ())
+    found: dict = {"minutes": samples / 6000, "kept": samples / len(plan.motion or ())}
     for name, tolerances in {"": None, CAD: {"inertia": 0.0}}.items():
-        if name and speed != "fast":
+        if name and arm != "fast":
             continue
         fit = tt.identify(run, tolerances=tolerances)
-        found[name] = off(fit, true_base_parameters(run.laboratory.rig))
+        found[name] = off(fit, truth) | {"ratio": over_papers(fit).tolist()}
     return found
-
-
-@cache
-def on_one_foot() -> PosturePlan:
-    """Return the plan that goes through all postures of the shipped mixed plan, kept likewise."""
-    folder = Path("runs") / "study-motion" / "plan-mixed"
-    if not folder.exists():
-        write_plan(folder, tt.plan_motion("mixed").plan)
-    return read_plan(folder, load_robot())
-
-
-def of_one_foot(seed: int) -> dict:
-    """Return errors and standard errors of an estimate with the paper's parameters over the paper's."""
-    run = laboratory("wii", seed).run(on_one_foot(), seed=seed, engine="dynamics", workers=1)
-    assert run.samples is not None
-    fit = tt.identify(run)
-    truth = true_base_parameters(run.laboratory.rig, common_support(run.measurements.support))
-    ratios = {"kept": len(run.samples) / len(on_one_foot().motion or ()), "ratio": over_papers(fit).tolist()}
-    return off(fit, truth) | ratios
 
 
 def over_papers(fit: Identification) -> np.ndarray:
@@ -126,32 +118,6 @@ def over_papers(fit: Identification) -> np.ndarray:
     own = fit.full.names
     rows = [own.index(name) for name in nominal_robot(load_robot()).parameters.names]
     return 1e3 * np.sqrt(np.diag(fit.full.covariance))[rows] / paper
-
-
-def one_foot(settings: Settings) -> Iterator[str]:
-    """Yield a row of coverage and of standard errors for a robot that stands on one foot as well."""
-    seeds = range(settings.seed, settings.seed + settings.count(OF_ONE_FOOT))
-    calls = {settings.folder("motion") / f"{ONE_FOOT}-{seed}.json": (seed,) for seed in seeds}
-    on_one_foot()  # once, before workers ask for it
-    fits = settings.kept("on one foot", of_one_foot, calls)
-    covered, errors = np.array([fit["covered"] for fit in fits]), np.array([fit["z"] for fit in fits])
-    ratios = np.array([fit["ratio"] for fit in fits])
-    yield "\n" + header(
-        *("runs", "motion that is kept", "95 % intervals that cover", "r.m.s. error, s.e.", "chi2/p"),
-        *("median s.e. over the paper's (range)", "largest (range)"),
-    )
-    yield row(
-        *(
-            len(fits),
-            f"{np.mean([fit['kept'] for fit in fits]):.2f}",
-            share(int(covered.sum()), covered.size),
-        ),
-        *(f"{np.sqrt(np.mean(errors**2)):.2f}", f"{np.mean([fit['chi2'] for fit in fits]):.2f}"),
-        *(
-            f"{np.median(each):.3f} ({each.min():.3f} to {each.max():.3f})"
-            for each in (np.median(ratios, axis=1), ratios.max(axis=1))
-        ),
-    )
 
 
 def off(fit: Identification, truth: np.ndarray) -> dict:
@@ -167,30 +133,37 @@ def off(fit: Identification, truth: np.ndarray) -> dict:
         "chi2": float(error @ np.linalg.solve(full.covariance, error)) / len(error),
         "lag": [float(lags[0].value[0]), float(lags[0].standard_error[0])],
         "seconds": noise.seconds if noise.share else 0.0,
-        "share": noise.share,
     }
 
 
 def coverage(settings: Settings) -> Iterator[str]:
     """Yield a row an arm."""
     yield header(
-        *("sensors", "speed, rad/s", "motion, min", "runs", "95 % intervals that cover"),
-        *("r.m.s. error, s.e.", "chi2/p", "lag, ms (s.e.)", "noise lasts, s"),
+        *("sensors", "speed, rad/s", "motion, min", "kept", "runs", "95 % intervals that cover"),
+        *("r.m.s. error, s.e.", "chi2/p", "s.e. over the paper's: median (range)", "largest (range)"),
+        *("lag, ms (s.e.)", "noise lasts, s"),
     )
-    folder, seeds = settings.folder("motion"), [settings.seed + k for k in range(settings.count(RUNS))]
-    for sensors, speed in product(PRESETS, [each for each in SPEEDS if each in settings.only]):
-        calls = {folder / f"{speed}-{sensors}-{seed}.json": (speed, sensors, seed) for seed in seeds}
-        moving(SPEEDS[speed])  # once, before workers ask for it
-        found = settings.kept(f"{sensors}, {speed}", one, calls)
-        for name in ("", CAD) if speed == "fast" else ("",):
+    folder, arms = settings.folder("motion"), [*product(PRESETS, SPEEDS), ("wii", ONE_FOOT)]
+    for sensors, arm in (each for each in arms if each[1] in settings.only):
+        seeds = settings.seed + np.arange(settings.count(OF_ONE_FOOT if arm == ONE_FOOT else RUNS))
+        calls = {folder / f"{arm}-{sensors}-{seed}.json": (arm, sensors, seed) for seed in seeds.tolist()}
+        moving(*ARMS[arm])  # once, before workers ask for it
+        found = settings.kept(f"{sensors}, {arm}", one, calls)
+        for name in ("", CAD) if arm == "fast" else ("",):
             fits = [each[name] for each in found]
             covered = np.array([fit["covered"] for fit in fits])
             lags = 1e3 * np.array([fit["lag"] for fit in fits])
+            ratios = np.array([fit["ratio"] for fit in fits])
             yield row(
-                *(sensors + name, SPEEDS[speed], f"{found[0]['minutes']:.1f}", len(fits)),
+                *(sensors + name, SPEEDS.get(arm, arm), f"{found[0]['minutes']:.1f}"),
+                *(f"{np.mean([each['kept'] for each in found]):.2f}", len(fits)),
                 share(int(covered.sum()), covered.size),
                 f"{np.sqrt(np.mean(np.square([fit['z'] for fit in fits]))):.2f}",
                 f"{np.mean([fit['chi2'] for fit in fits]):.2f}",
+                *(
+                    f"{np.median(each):.3f} ({each.min():.3f} to {each.max():.3f})"
+                    for each in (np.median(ratios, axis=1), ratios.max(axis=1))
+                ),
                 "; ".join(f"{lag:.1f} ({error:.1f})" for lag, error in lags),
                 "; ".join(f"{fit['seconds']:.1f}" for fit in fits),
             )
@@ -207,10 +180,7 @@ def nothing(settings: Settings) -> Iterator[str]:
     seeds = range(settings.seed, settings.seed + settings.count(LABORATORIES))
     calls = {settings.folder("motion") / f"nothing-{seed}.json": (seed,) for seed in seeds}
     moving(SPEEDS["usual"], *LONGER)  # once, before workers ask for it
-    verdicts = Counter(settings.kept("nothing hidden", nothing_hidden, calls))
-    yield "\nNothing hidden: " + ", ".join(
-        f"{count} `{verdict}`" for verdict, count in verdicts.most_common()
-    )
+    yield f"\nNothing hidden: {dict(Counter(settings.kept('nothing hidden', nothing_hidden, calls)))}\n"
 
 
 def hidden_fault(seed: int, kind: str) -> Outcome:
@@ -318,11 +288,11 @@ def equal_time(settings: Settings) -> Iterator[str]:
     plan, inside = shipped_plan(load_robot()), laboratory("wii", settings.seed)
     motion = tt.plan_motion(plan.take(plan.placement <= MOVED), minutes=MOVES).plan
     few, seed = plan.take(np.arange(PAPERS_POSTURES)), settings.seed
-    lifted = replace(on_one_foot(), motion=None)
+    lifted = replace(moving(*ARMS[ONE_FOOT]), motion=None)
     held, held_lifted = (inside.run(each, seed=seed, engine="statics").measurements for each in (few, lifted))
     moved, moved_lifted = (
         inside.run(each, seed=seed, engine="dynamics", workers=settings.workers).measurements
-        for each in (motion, on_one_foot())
+        for each in (motion, moving(*ARMS[ONE_FOOT]))
     )
     yield "\n" + header(
         *("what", "placements", "robot time, min", "laboratory time, min", "rows"),
@@ -337,19 +307,17 @@ def equal_time(settings: Settings) -> Iterator[str]:
         }
         for name, (data, colour, line) in of_each.items():
             each, curve = HOLD if name[0] == "h" else float(np.median(np.diff(data.time))) / 60, []
-            ranks = np.empty(len(data), int)  # of a row's placement among those of its support
-            for support in np.unique(data.support):
-                rows = data.support == support
-                ranks[rows] = np.unique(data.placement[rows], return_inverse=True)[1] + 1
+            there = [
+                np.unique(data.placement[data.support == support]) for support in np.unique(data.support)
+            ]
             for most in PARTS.get(name, range(1, 5)):
-                part = data.take(ranks <= most)
+                part = data.take(np.isin(data.placement, np.concatenate([some[:most] for some in there])))
                 ratios = over_papers(tt.identify(part))
-                robot, middle = each * len(part), float(np.median(ratios))
-                placements = len(np.unique(part.placement))
-                curve.append((robot, middle))
+                robot, placements = each * len(part), len(np.unique(part.placement))
+                curve.append((robot, float(np.median(ratios))))
                 yield row(
                     *(name, placements, f"{robot:.0f}", f"{robot + PLACING * placements:.0f}", len(part)),
-                    *(f"{middle:.3f}", f"{ratios.max():.2f}"),
+                    *(f"{np.median(ratios):.3f}", f"{ratios.max():.2f}"),
                 )
             ax.plot(*zip(*curve, strict=True), line, color=colour, label=name)
         ax.axhline(1.0, color="black", linestyle="--", linewidth=1.0, label="the paper's standard errors")
@@ -361,9 +329,9 @@ def equal_time(settings: Settings) -> Iterator[str]:
 
 def study(settings: Settings) -> Iterator[str]:
     """Yield the tables of the parts."""
-    if set(settings.only) & set(SPEEDS):
+    if set(settings.only) & {*SPEEDS, ONE_FOOT}:
         yield from coverage(settings)
-    parts = {ONE_FOOT: one_foot, "nothing": nothing, "hidden": hidden, "sizes": sizes, "time": equal_time}
+    parts = {"nothing": nothing, "hidden": hidden, "sizes": sizes, "time": equal_time}
     for part, make in parts.items():
         if part in settings.only:
             yield from make(settings)

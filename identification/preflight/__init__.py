@@ -103,11 +103,9 @@ def preflight(
 
 def _independent(m: Measurements, nominal: Nominal) -> Measurements:
     """Return rows of a moving record whose noise is independent, without vertical inertial forces by CAD."""
-    if m.joint_rates is None or m.joint_accelerations is None:
+    if m.joint_rates is None or m.joint_accelerations is None or not np.isfinite(m.time).all():
         return m
     observed = observe(m, nominal_robot(nominal.robot, common_support(m.support)))
-    if not observed.moves:
-        return m
     rows = apart(m.time, observed.segment, APART)
     force = m.cell_forces.sum(axis=1, keepdims=True)
     weight = np.divide(
