@@ -103,7 +103,7 @@ def preflight(
 
 def _independent(m: Measurements, nominal: Nominal) -> Measurements:
     """Return rows of a moving record whose noise is independent, without vertical inertial forces by CAD."""
-    if m.joint_rates is None or m.joint_accelerations is None or not np.isfinite(m.time).all():
+    if m.joint_rates is None or m.joint_accelerations is None:
         return m
     observed = observe(m, nominal_robot(nominal.robot, common_support(m.support)))
     rows = apart(m.time, observed.segment, APART)
