@@ -10,7 +10,7 @@ import csv
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
-from functools import cache
+from functools import cache, partial
 from itertools import product
 from pathlib import Path
 
@@ -81,12 +81,8 @@ def moving(speed: float, placements: int = PLACEMENTS, postures: int = POSTURES)
     """
     folder = Path("runs") / "study-motion" / f"plan-{speed:g}-{placements}-{postures}"
     if not folder.exists():
-        random = (
-            tt.draw_plan(placements=placements, per_placement=postures, seed=PLAN_SEED)
-            if placements
-            else None
-        )
-        write_plan(folder, tt.plan_motion(random.plan if random else "mixed", speed=speed).plan)
+        random = partial(tt.draw_plan, placements=placements, per_placement=postures, seed=PLAN_SEED)
+        write_plan(folder, tt.plan_motion(random().plan if placements else "mixed", speed=speed).plan)
     return read_plan(folder, load_robot())
 
 
@@ -306,14 +302,12 @@ def equal_time(settings: Settings) -> Iterator[str]:
             "motion, also on one foot": (moved_lifted, X, "s--"),
         }
         for name, (data, colour, line) in of_each.items():
-            each, curve = HOLD if name[0] == "h" else float(np.median(np.diff(data.time))) / 60, []
-            there = [
-                np.unique(data.placement[data.support == support]) for support in np.unique(data.support)
-            ]
+            minutes, curve = HOLD if name[0] == "h" else float(np.median(np.diff(data.time))) / 60, []
+            there = [np.unique(data.placement[data.support == each]) for each in np.unique(data.support)]
             for most in PARTS.get(name, range(1, 5)):
                 part = data.take(np.isin(data.placement, np.concatenate([some[:most] for some in there])))
                 ratios = over_papers(tt.identify(part))
-                robot, placements = each * len(part), len(np.unique(part.placement))
+                robot, placements = minutes * len(part), len(np.unique(part.placement))
                 curve.append((robot, float(np.median(ratios))))
                 yield row(
                     *(name, placements, f"{robot:.0f}", f"{robot + PLACING * placements:.0f}", len(part)),

@@ -24,6 +24,7 @@ from tulip_testbed.effects.laws.misread import undo
 from tulip_testbed.effects.motion_effects import LAG, MOTION_EFFECTS
 from tulip_testbed.experiments.discovery_curves import about_stances
 from tulip_testbed.experiments.protocols import motion_plan
+from tulip_testbed.identification import preflight
 from tulip_testbed.identification.center_of_pressure import center_of_pressure
 from tulip_testbed.identification.inertial_wrench import inertial_parameters, link_wrenches
 from tulip_testbed.identification.nominal import nominal_robot
@@ -352,6 +353,18 @@ def test_a_correct_motion_passes_checks_of_rows_whose_noise_is_not_independent(r
     run: Any = tt.Laboratory(robot, sensors="force-plate").run(planned.plan, seed=4, workers=2)
     found = checks(run)
     assert found["weight balance"].result == found["legs close"].result == "pass"
+
+
+def test_checks_of_a_motion_take_rows_apart_that_carry_the_weight_alone(robot, moved):
+    m, nominal = moved.measurements, nominal_robot(robot)
+    some = preflight._independent(m, nominal)
+    weight = float(robot.model.body_subtreemass[1]) * m.gravity
+    raw, left = (np.abs(each.cell_forces.sum(axis=1) - weight).max() for each in (m, some))
+    assert left < 0.1 * raw
+    gaps = [np.diff(some.time[some.placement == number]).min() for number in np.unique(some.placement)]
+    assert 4 <= min(gaps) < 5
+    at_rest = replace(m, joint_rates=None, joint_accelerations=None)
+    assert preflight._independent(at_rest, nominal) is at_rest
 
 
 def test_samples_of_a_clock_that_jumps_become_rows(moved):

@@ -64,10 +64,10 @@ def preflight(
     if m.contacts is not None:
         some = _independent(m, nominal)
         return [*findings, *_of_wrenches(m, some, nominal, usual_changes(some))]
-    loads = readings.cell_loads(m)
+    loads, some = readings.cell_loads(m), _independent(m, nominal)
     # Cells whose loads are wrong say nothing about how much yields: as if both feet bore the same.
-    level = np.full_like(m.cell_forces, np.median(m.cell_forces.sum(axis=1)) / m.cell_forces.shape[1])
-    read = replace(m, cell_forces=level) if loads.result == "fail" else m
+    level = np.full_like(some.cell_forces, np.median(m.cell_forces.sum(axis=1)) / m.cell_forces.shape[1])
+    usual = usual_changes(replace(some, cell_forces=level) if loads.result == "fail" else some)
     findings += [
         units.joint_limits(m, nominal),
         readings.stuck(m, nominal),
@@ -76,10 +76,6 @@ def preflight(
         settling.steady_windows(m),
         settling.settling(m, series),
         settling.series_agrees(m, series),
-    ]
-    some, read = _independent(m, nominal), _independent(read, nominal)
-    usual = usual_changes(read)
-    findings += [
         forces.weight_balance(some, usual),
         forces.constant_weight(some, usual),
         forces.drift(some, nominal, usual),
@@ -90,15 +86,15 @@ def preflight(
         reason = f"{row_name(m, row)} stands on one foot ('{m.support[row]}'); this check needs both feet"
         findings += _skip((*LEGS, *FORCES), reason)
         return [*findings, identifiable(m, nominal_robot(nominal.robot, common_support(m.support)), None)]
-    findings += [stance_checks.feet_on_plates(some, nominal), *stance_checks.legs(some, nominal, usual)]
+    findings += [stance_checks.feet_on_plates(m, nominal), *stance_checks.legs(some, nominal, usual)]
     noise = reading_noise(some, nominal)
     if loads.result == "fail":
         findings += _fits(some, nominal, noise, None)
         findings += _skip(FORCES[1:], "correct the cells' loads first")
         return [*findings, identifiable(m, nominal, None)]
-    findings += [stance_checks.load_in_soles(some, nominal), agreement.repeats(some, nominal, noise)]
-    fits = _fits(some, nominal, noise, usual)
-    return [*findings, *fits, identifiable(m, nominal, reading_noise(m, nominal))]
+    findings += [stance_checks.load_in_soles(m, nominal), agreement.repeats(some, nominal, noise)]
+    of_all = noise if some is m else reading_noise(m, nominal)
+    return [*findings, *_fits(some, nominal, noise, usual), identifiable(m, nominal, of_all)]
 
 
 def _independent(m: Measurements, nominal: Nominal) -> Measurements:
@@ -107,11 +103,9 @@ def _independent(m: Measurements, nominal: Nominal) -> Measurements:
         return m
     observed = observe(m, nominal_robot(nominal.robot, common_support(m.support)))
     rows = apart(m.time, observed.segment, APART)
-    force = m.cell_forces.sum(axis=1, keepdims=True)
-    weight = np.divide(
-        force - observed.motion.by_cad[:, 2:3], force, out=np.ones_like(force), where=force > 0
-    )
-    return replace(m, cell_forces=m.cell_forces * weight).take(rows)
+    force, lift = m.cell_forces.sum(axis=1, keepdims=True), observed.motion.by_cad[:, 2:3]
+    share = np.divide(force - lift, force, out=np.ones_like(force), where=force > 0)
+    return replace(m, cell_forces=m.cell_forces * share).take(rows)
 
 
 def _of_wrenches(m: Measurements, some: Measurements, nominal: Nominal, usual: Usual) -> list[Finding]:

@@ -124,7 +124,7 @@ def plan_motion(
 
     Such a plan is measured while the robot moves. On every placement it goes from posture to posture on its
     own feet, inside the margins of sole, zero-moment point, torque and link distances. Motions that would
-    need a hoist are left out and counted.
+    need a hoist are left out and counted. Postures on one foot, of which each had a placement, share some.
 
     Args:
         plan: postures, or their folder, or the name of a shipped plan.
