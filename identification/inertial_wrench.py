@@ -95,6 +95,13 @@ def _regressor(
     return regressor, centers
 
 
+def _by_cad(nominal: Nominal, measurements: Measurements) -> tuple[np.ndarray, float]:
+    """Return CAD's `inertial_parameters`, and the weight [N]; of a robot that was weighed, all in proportion."""
+    weighed = measurements.weighed_mass
+    mass = weighed[0] if weighed else nominal.mass
+    return mass / nominal.mass * inertial_parameters(nominal.robot.model), mass * measurements.gravity
+
+
 @dataclass(frozen=True, eq=False)
 class BeyondWeight:
     """Forces of motion beyond the weight: shift of the centre of pressure, vertical and horizontal force.
@@ -163,9 +170,9 @@ def beyond_weight(
     still, moving = wrench_regressor(nominal, held), np.zeros(())
     for at, share in QUADRATURE:
         moving = moving + share * wrench_regressor(nominal, _within(measurements, at))
-    cad = inertial_parameters(nominal.robot.model)
+    cad, weight = _by_cad(nominal, measurements)
     (after, by_after), (before, by_before) = (_pressure(w, cad) for w in (moving, still))
-    added, weight = moving - still, nominal.mass * measurements.gravity
+    added = moving - still
     each = np.concatenate([by_after - by_before, added[:, 2:3], added[:, :2] / weight], axis=1)
     by_all = each.reshape(*each.shape[:2], -1)  # (m, 5, 10 n_links)
     forces = added.reshape(*added.shape[:2], -1) @ cad.ravel()
@@ -209,7 +216,7 @@ def _rate(nominal: Nominal, measurements: Measurements) -> np.ndarray:
     Noise of the jerks would make every lag too short: of each joint only that share is taken that they vary
     by beyond it (regression calibration, Carroll et al. 2006).
     """
-    m, cad = measurements, inertial_parameters(nominal.robot.model)
+    m, (cad, weight) = measurements, _by_cad(nominal, measurements)
     rates, faster = rates_of(m)
     jerks = np.zeros_like(rates)
     if m.joint_jerks is not None:
@@ -227,7 +234,7 @@ def _rate(nominal: Nominal, measurements: Measurements) -> np.ndarray:
             joint_accelerations=faster + at * jerks,
         )
         wrench = np.einsum("mlik,lk->mi", _regressor(nominal, there)[0], cad)
-        push = wrench[:, :2] / (nominal.mass * m.gravity)
+        push = wrench[:, :2] / weight
         center = np.column_stack([-wrench[:, 4], wrench[:, 3]]) / wrench[:, 2:3]
         both.append(np.column_stack([center - _depth(m) * push, wrench[:, 2], push]))
     return (both[0] - both[1]) / (2 * INSTANT)
@@ -235,7 +242,7 @@ def _rate(nominal: Nominal, measurements: Measurements) -> np.ndarray:
 
 def rocking(nominal: Nominal, measurements: Measurements) -> np.ndarray:
     """Compute `BeyondWeight.rocking` by CAD, by central differences."""
-    cad, weight = inertial_parameters(nominal.robot.model), nominal.mass * measurements.gravity
+    cad, weight = _by_cad(nominal, measurements)
     out = []
     for turning in ROCKED * np.eye(6)[[0, 1, 3, 4]]:
         after, before = (
@@ -266,7 +273,7 @@ def by_accelerations(geometry: PostureGeometry, measurements: Measurements) -> n
     its moment that of their inertia about the origin.
     """
     nominal, tree = geometry.nominal, geometry.tree
-    cad, links = inertial_parameters(nominal.robot.model), np.array(tree.frame_of_link)
+    (cad, weight), links = _by_cad(nominal, measurements), np.array(tree.frame_of_link)
     rotations, positions = (each[:, links] for each in geometry.frames)
     mass, own = cad[:, 0], (rotations @ cad[:, 1:4, None])[..., 0]
     both = positions[..., None] * own[..., None, :]
@@ -281,8 +288,7 @@ def by_accelerations(geometry: PostureGeometry, measurements: Measurements) -> n
     force = np.cross(axes, moment - (beyond @ mass)[..., None] * pivots)
     turning = np.einsum("mnl,mlab,mnb->mna", beyond, inertia, axes, optimize=True)
     turning = turning - np.cross(moment, np.cross(axes, pivots))
-    weight, center = nominal.mass * measurements.gravity, geometry.center[:, None]
-    push = force[..., :2] / weight
+    push, center = force[..., :2] / weight, geometry.center[:, None]
     shift = np.stack([-turning[..., 1], turning[..., 0]], axis=2) - center[..., :2] * force[..., 2:]
     shift = shift / weight - _depth(measurements) * push
     return np.concatenate([shift, force[..., 2:], push], axis=2).mT
@@ -313,9 +319,9 @@ def _given_base_parameters(nominal: Nominal, cad: np.ndarray) -> tuple[np.ndarra
     by independent deviates of s.d. 1, (10 n, 10 n).
     """
     spread = _doubt(nominal.robot.model, cad)
-    parameters, n = nominal.parameters, len(cad)
+    parameters, n, mass = nominal.parameters, len(cad), cad[:, 0].sum()
     shows = np.zeros((len(parameters.names) + 1, n, 10))
-    shows[:-1, :, :4] = parameters.from_standard.reshape(-1, n, 4) / nominal.mass
+    shows[:-1, :, :4] = parameters.from_standard.reshape(-1, n, 4) / mass
     shows[-1, :, 0] = 1.0
     seen = shows.reshape(len(shows), -1) @ spread
     gain = spread @ np.linalg.pinv(seen, rcond=1e-9)
@@ -338,7 +344,8 @@ def _doubt(model: mujoco.MjModel, cad: np.ndarray) -> np.ndarray:
         step[:, 1 + axis] = CENTER_SD * mass
         moved = [moved_inertia(standard + sign * step, none) for sign in (1, -1)]
         out[each, :, each, 1 + axis] = np.column_stack([step, (moved[0] - moved[1]) / 2])
-    principal, moment = rotation_matrices(model.body_iquat[1:]), model.body_inertia[1:]
+    principal = rotation_matrices(model.body_iquat[1:])
+    moment = mass.sum() / model.body_mass[1:].sum() * model.body_inertia[1:]
     radii = np.sqrt(np.maximum(moment.sum(axis=1, keepdims=True) / 2 - moment, 0.0))  # times root of mass
     for k, (a, b) in enumerate(((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))):
         second = np.zeros((n, 3, 3))

@@ -355,6 +355,7 @@ class Observation:
                 rocking=motion.rocking * force[:, None],
                 yielding=motion.yielding * force[:, None],
                 rate=motion.rate * force,
+                of_links=motion.of_links * ratio,
             ),
         )
 
