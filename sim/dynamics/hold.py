@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass
 
+import mujoco
 import numpy as np
 
 from tulip_testbed.base.result import Array
@@ -52,14 +53,36 @@ class Held:
 def put_down(
     stand: Stand, angles: np.ndarray, support: str = "double", command: np.ndarray | None = None
 ) -> None:
-    """Put the robot down at a posture on one foot or both and clamp its feet where they land."""
+    """Put the robot down at a posture on one foot or both and clamp its feet where they land.
+
+    Where it stood before, the foot of the base frame stands again: the poses of the plates were recorded once.
+    """
     stand.foot_contact = feet_in_contact(np.array([support]))[0]
-    stand.reset(angles, stand.chain.base_pose(angles, stand.base))
-    stand.command = angles if command is None else command
-    stand.run(LANDING_TIME)
+
+    def land(pose: np.ndarray) -> np.ndarray:
+        stand.reset(angles, pose)
+        stand.command = angles if command is None else command
+        stand.run(LANDING_TIME)
+        return stand.feet()[stand.base]
+
+    pose = stand.chain.base_pose(angles, stand.base)
+    place = land(pose)
+    if (first := stand.places.setdefault(stand.base, place)) is not place:
+        land(_moved(pose, place, first))
     stand.mark_feet()
     clamp(stand)
     stand.run(stand.protocol.rest_time)
+
+
+def _moved(pose: np.ndarray, place: np.ndarray, other: np.ndarray) -> np.ndarray:
+    """Return the pose of a body, (7,), of which one part was moved from a place to another one, (3,)."""
+    turn, out = np.zeros(4), pose.copy()
+    mujoco.mju_axisAngle2Quat(turn, np.array([0.0, 0.0, 1.0]), float(other[2] - place[2]))
+    away = pose[:3] - [*place[:2], 0.0]
+    mujoco.mju_rotVecQuat(out[:3], away, turn)
+    out[:2] += other[:2]
+    mujoco.mju_mulQuat(out[3:], turn, pose[3:])
+    return out
 
 
 def move(stand: Stand, start: np.ndarray, end: np.ndarray, command: np.ndarray) -> None:

@@ -29,6 +29,8 @@ class Stand:
         model, data: the scene.
         stiction: dry friction at rest.
         foot_contact: which of the two feet the robot stands on, (2,) bool.
+        places: where the foot of the base frame stood when the robot was first put down, by its number, (3,)
+            [m, m, rad].
     """
 
     def __init__(self, rig: Rig, plate_poses: np.ndarray):
@@ -52,6 +54,7 @@ class Stand:
         self.model.dof_damping[first : first + 6] += hoist_damping(rig)
         self.torso = int(self.model.jnt_bodyid[self.free])
         self.foot_contact = np.array([True, True])
+        self.places: dict[int, np.ndarray] = {}
         self.clamps = np.array([self.model.equality(f"{foot}_clamp").id for foot in rig.robot.feet])
         self.cells = cell_addresses(self.model)
         self.tare = tare(self.model)
@@ -111,7 +114,7 @@ class Stand:
     def turn_floor(self) -> None:
         """Turn the floor by the load that the cells bear now."""
         if any(self.rig.floor):
-            x, y, yaw = self._feet()[self.base]
+            x, y, yaw = self.feet()[self.base]
             away = self.data.site_xpos[self.cell_sites, :2] - [x, y]
             c, s = np.cos(yaw), np.sin(yaw)
             places = away @ np.array([[c, -s], [s, c]])  # in the base frame
@@ -149,7 +152,7 @@ class Stand:
             body = self.data.body(foot)
             self.model.eq_data[clamp, :11] = [0, 0, 0, *body.xpos, *body.xquat, 1]
 
-    def _feet(self) -> np.ndarray:
+    def feet(self) -> np.ndarray:
         """Return the planar poses of both feet in the world, (2, 3) [m, m, rad]."""
         poses = []
         for foot in self.robot.feet:
@@ -161,7 +164,7 @@ class Stand:
 
     def centre_of_mass(self) -> np.ndarray:
         """Return MuJoCo's centre of mass in the base frame, (2,) [m]."""
-        x, y, yaw = self._feet()[self.base]
+        x, y, yaw = self.feet()[self.base]
         east = self.data.subtree_com[self.torso][:2] - [x, y]
         return np.array(
             [np.cos(yaw) * east[0] + np.sin(yaw) * east[1], np.cos(yaw) * east[1] - np.sin(yaw) * east[0]]
@@ -169,7 +172,7 @@ class Stand:
 
     def plates_in_base(self) -> np.ndarray:
         """Return the true poses of both plates in the base frame, (2, 3) [m, m, rad]."""
-        x, y, yaw = self._feet()[self.base]
+        x, y, yaw = self.feet()[self.base]
         poses = []
         for plate in PLATES:
             body = self.data.body(f"{plate}_plate")
