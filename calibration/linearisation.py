@@ -19,9 +19,10 @@ from tulip_testbed.calibration.linear_model import nuisances, weighed_precision,
 from tulip_testbed.calibration.linear_problem import LinearProblem
 from tulip_testbed.calibration.member_columns import member_columns
 from tulip_testbed.effects.instance import OF_LOADS
+from tulip_testbed.identification.inertial_wrench import acceleration_sd, by_accelerations
 from tulip_testbed.identification.joint_loads import UNSEEN
 from tulip_testbed.identification.load_rates import PLATES, load_rates, soles_by_wrench
-from tulip_testbed.identification.noise_in_time import Decorrelation
+from tulip_testbed.identification.noise_in_time import WHITE, Decorrelation
 from tulip_testbed.identification.noise_structure import NoiseStructure, Weights, groups
 from tulip_testbed.identification.observation import Observation
 from tulip_testbed.identification.residual_channels import (
@@ -169,10 +170,13 @@ def linearised(
     feet = np.repeat(feet_in_contact(clean.measurements.support), 2, axis=1)[:, None]
     tilt = ROW_TILT * feet * slope[..., at["stance_tilt"].start : at["swing_tilt"].stop]
     tilt = tilt if has_direction(clean) else tilt[..., :0]
-    motion = tilt[..., :0]
+    motion = shaken = tilt[..., :0]
     if clean.moves:
-        motion = slope[..., at["shift"].start : at["push"].stop] @ clean.motion.by_cad[..., None]
-    covariance = _covariance(reach, (internal, squeeze, tilt, motion), unsure, noise, clean)
+        forces = slope[..., at["shift"].start : at["push"].stop]
+        motion = forces @ clean.motion.by_cad[..., None]
+        sd = acceleration_sd(clean.measurements, noise.encoder, clean.noise_in_time or WHITE)
+        shaken = forces @ by_accelerations(state.smooth.geometry, clean.measurements) * sd[:, None]
+    covariance = _covariance(reach, (internal, squeeze, tilt, motion), shaken, unsure, noise, clean)
     reach, structure = covariance.reach, covariance.structure
     if (in_time := clean.in_time) is not None:
         structure = replace(structure, shared=in_time(structure.shared), free=in_time(structure.free))
@@ -386,13 +390,15 @@ def _unsure(observed: Observation, families: Families, phi: np.ndarray) -> np.nd
 def _covariance(
     reach: np.ndarray,
     unseen: tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray],
+    shaken: np.ndarray,
     unsure: np.ndarray,
     noise: Noise,
     observed: Observation,
 ) -> ResidualCovariance:
     at = fields(observed)
     used = residuals_in_use(observed)
-    cells, angles = noise.cell * reach[..., at["cells"]], noise.encoder * reach[..., at["angles"]]
+    cells = noise.cell * reach[..., at["cells"]]
+    angles = np.concatenate([noise.encoder * reach[..., at["angles"]], shaken], axis=2)
     tilt_and_motion = (part for part in unseen[2:] if part.shape[2])
     own = [part @ part.mT for part in (angles, cells, unseen[0], *tilt_and_motion, unsure)]
     structure = NoiseStructure(

@@ -10,6 +10,7 @@ import numpy as np
 from tulip_testbed.identification.base_parameters import standard_parameters
 from tulip_testbed.identification.cad_prior import CENTER_SD, MASS_SD
 from tulip_testbed.identification.kinematics import frame_positions, link_rotations, roll_pitch_yaw, walk
+from tulip_testbed.identification.noise_in_time import NoiseInTime
 from tulip_testbed.identification.nominal import Nominal, PostureGeometry
 from tulip_testbed.measurements import Measurements
 from tulip_testbed.measurements.data import base_foot
@@ -20,8 +21,10 @@ ROCKED = 0.01  # rad/s, rad/s2: steps of derivatives
 SYMMETRIC = np.array([[0, 1, 3], [1, 2, 4], [3, 4, 5]])  # elements xx, xy, yy, xz, yz, zz
 INSTANT = 0.001  # s, step of differences in time
 LATER = 0.02  # s, the same of the loads, which readings give
-# Variance of a row's jerk, times samples and half window^6, by that of a sample: see `series_reduction`.
-JERK_NOISE = 1575.0
+# Variance of a row's acceleration and jerk by that of a sample, times samples and half window^4 or ^6; of its
+# acceleration by the intensity [rad2/s] of a random walk, times half window^3. By the weights of
+# `series_reduction`.
+ACCELERATION_NOISE, JERK_NOISE, OF_A_WALK = 45.0, 1575.0, 15 / 7
 LENGTH = 1.0  # m: a force counts as a shift of the centre of pressure by it over the weight
 MOST_DIRECTIONS, LEAST_SHIFT = 12, 1e-5  # of inertial parameters that the base parameters leave open; m
 CROSSES = np.cross(np.eye(3)[:, None], np.eye(3)).mT.reshape(3, 9)  # e_i x, side by side
@@ -292,6 +295,17 @@ def by_accelerations(geometry: PostureGeometry, measurements: Measurements) -> n
     shift = np.stack([-turning[..., 1], turning[..., 0]], axis=2) - center[..., :2] * force[..., 2:]
     shift = shift / weight - _depth(measurements) * push
     return np.concatenate([shift, force[..., 2:], push], axis=2).mT
+
+
+def acceleration_sd(measurements: Measurements, encoder_sd: float, lasting: NoiseInTime) -> np.ndarray:
+    """Return the s.d. of the joints' accelerations by the noise of the encoders, (m, n_joints) [rad/s2].
+
+    Noise that lasts longer than a window is a random walk within it. Joints that were not measured have none.
+    """
+    m, half = measurements, measurements.window[:, None] / 2
+    quick = ACCELERATION_NOISE * np.nan_to_num(m.joint_angles_sd) ** 2 / (m.samples[:, None] * half)
+    slow = OF_A_WALK * lasting.share * 2 * encoder_sd**2 / lasting.seconds
+    return np.sqrt((quick + slow) / half**3)
 
 
 def _depth(measurements: Measurements) -> float:
