@@ -99,7 +99,7 @@ def _regressor(
 
 
 def _by_cad(nominal: Nominal, measurements: Measurements) -> tuple[np.ndarray, float]:
-    """Return CAD's `inertial_parameters`, and the weight [N]; of a robot that was weighed, all in proportion."""
+    """Return CAD's `inertial_parameters` in proportion to the weighed mass, and the weight [N]."""
     weighed = measurements.weighed_mass
     mass = weighed[0] if weighed else nominal.mass
     return mass / nominal.mass * inertial_parameters(nominal.robot.model), mass * measurements.gravity

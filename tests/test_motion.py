@@ -17,8 +17,9 @@ import tulip_testbed as tt
 from tests.test_refusals import check_words, refuse
 from tests.test_refusals import rows as table
 from tulip_testbed.base.progress import Advance
+from tulip_testbed.calibration.families import EXACT as EXACT_LABORATORY
 from tulip_testbed.calibration.families import Family
-from tulip_testbed.calibration.self_calibration import LASTING, as_log_shows
+from tulip_testbed.calibration.self_calibration import LASTING, as_log_shows, self_calibrate
 from tulip_testbed.effects.instance import EffectInstance, removed
 from tulip_testbed.effects.laws.misread import undo
 from tulip_testbed.effects.motion_effects import LAG, MOTION_EFFECTS
@@ -27,15 +28,17 @@ from tulip_testbed.experiments.protocols import motion_plan
 from tulip_testbed.identification import preflight
 from tulip_testbed.identification.center_of_pressure import center_of_pressure
 from tulip_testbed.identification.inertial_wrench import inertial_parameters, link_wrenches
+from tulip_testbed.identification.noise_in_time import WHITE
 from tulip_testbed.identification.nominal import nominal_robot
 from tulip_testbed.identification.observation import CLOSURE, observe, turned
 from tulip_testbed.identification.preflight import motion_checks
 from tulip_testbed.identification.residual_channels import ANCHORED, residuals
 from tulip_testbed.measurements import read_samples
-from tulip_testbed.measurements.logs.series_reduction import reduced_motion
+from tulip_testbed.measurements.logs.series_reduction import _weights, reduced_motion
 from tulip_testbed.measurements.trajectory import runs
 from tulip_testbed.sim.compliance import lagging
 from tulip_testbed.sim.dynamics import moving_run
+from tulip_testbed.sim.dynamics.hold import put_down
 from tulip_testbed.sim.dynamics.stand import Stand
 from tulip_testbed.sim.plan_folder import read_plan, write_plan
 from tulip_testbed.sim.procedure import header_of
@@ -253,6 +256,19 @@ def test_inertias_that_a_motion_determines_are_exported(robot, identified, tmp_p
     assert share == pytest.approx(1.0) if left else 0 < share < 0.1
 
 
+def test_noise_of_encoders_reaches_the_forces_of_motion(robot, moved):
+    """Against the residuals of the same motion with noise in every sample."""
+    nominal, samples, size = nominal_robot(robot), moved.samples, 1e-3
+    noise = size * np.random.default_rng(6).standard_normal(samples.joint_angles.shape)
+    read = reduced_motion(replace(samples, joint_angles=samples.joint_angles + noise))
+    of_a_row = size * np.sqrt((_weights(0.01 * np.arange(50) - 0.245, 0.5)[0][0] ** 2).sum())
+    read = replace(read, sensors=replace(read.sensors, encoder_sd=of_a_row, cell_sd=1e-3))
+    calibration = self_calibrate(observe(read, nominal).changed(noise_in_time=WHITE), EXACT_LABORATORY)
+    foretold = calibration.linear.covariance.structure.own[0][:, [0, 1], [0, 1]]
+    exact, noisy = (residuals(observe(m, nominal), nominal.value)[:, :2] for m in (moved.measurements, read))
+    assert ((noisy - exact) ** 2 / foretold).mean() == pytest.approx(1.0, rel=0.25)
+
+
 def test_an_identification_says_how_many_rows_count(identified):
     found = identified
     count, rows = found.calibration.effective_rows, len(found.measurements)
@@ -434,6 +450,19 @@ def test_a_robot_that_tips_goes_on_at_the_next_posture(robot):
     second = int(np.abs(plan.motion.joint_angles - plan.joint_angles[1]).max(axis=1).argmin())
     assert 0 < time[lost] < plan.motion.time[second] == pytest.approx(time[lost + 1])
     assert time[-1] == pytest.approx(plan.motion.time[-1])
+
+
+def test_a_robot_that_is_put_down_again_stands_where_it_stood(robot, three):
+    """Unknown zeros and lengths put the foot elsewhere in each posture."""
+    effects = ("encoder-offset:right_ankle_roll=0.01", "link-length:right_upper_leg=0.005")
+    rig = tt.Laboratory(robot, sensors=EXACT).with_effects(*effects).rig
+    stand, other = (Stand(rig, boards_under(rig, three.foot_poses[:1])[0]) for _ in range(2))
+    put_down(stand, three.joint_angles[0])
+    place = stand.feet()[0]
+    for one in (stand, other):
+        put_down(one, three.joint_angles[1])
+    assert np.abs(other.feet()[0] - place).max() > 1e-4
+    assert stand.feet()[0] == pytest.approx(place, abs=2e-5)
 
 
 def test_postures_on_one_foot_share_placements_in_a_motion():

@@ -1,5 +1,6 @@
 """The estimate from a robot that moves: forces of motion, inertial parameters, noise that lasts."""
 
+import copy
 import dataclasses
 from dataclasses import replace
 
@@ -16,6 +17,7 @@ from tulip_testbed.identification import inertial_wrench
 from tulip_testbed.identification.base_parameters import common_support, standard_parameters
 from tulip_testbed.identification.inertial_wrench import (
     JERK_NOISE,
+    acceleration_sd,
     beyond_weight,
     by_accelerations,
     inertial_parameters,
@@ -25,6 +27,8 @@ from tulip_testbed.identification.noise_in_time import WHITE, NoiseInTime, decor
 from tulip_testbed.identification.noise_structure import NoiseStructure, groups
 from tulip_testbed.identification.nominal import PostureGeometry, nominal_robot
 from tulip_testbed.identification.observation import CLOSURE, SIZE, TWISTS, observe
+from tulip_testbed.measurements.logs.series_reduction import _weights
+from tulip_testbed.sim.sensors import sample_series
 
 STEP, WINDOW = 0.25, 0.5  # s, from row to row, of a row
 
@@ -67,6 +71,39 @@ def test_most_of_what_motion_adds_follows_from_the_base_parameters(robot, nomina
     flat = by_nominal.unknown[:, :2].reshape(2 * len(m), -1)
     deviates = np.linalg.lstsq(flat, left[:, :2].ravel(), rcond=None)[0]
     assert rms(left[:, :2].ravel() - flat @ deviates) < 0.25 * rms(left[:, :2].ravel())
+
+
+def test_inertial_forces_grow_with_the_weighed_mass(robot, nominal):
+    """A robot weighed as 1.2 times heavier, against one whose model is 1.2 times heavier."""
+    m, other = (
+        slow_motion(robot, np.random.default_rng(407), 10),
+        replace(robot, model=copy.copy(robot.model)),
+    )
+    for values in (other.model.body_mass, other.model.body_inertia):
+        values[:] *= 1.2
+    weighed = replace(m, weighed_mass=(1.2 * nominal.mass, 0.0))
+    found, expected = beyond_weight(nominal, weighed), beyond_weight(nominal_robot(other), m)
+    for name in ("by_cad", "slope", "rate", "of_links", "directions"):
+        ours, theirs = (abs(getattr(one, name)) for one in (found, expected))
+        np.testing.assert_allclose(ours, theirs, rtol=1e-6, atol=1e-9 * theirs.max(), err_msg=name)
+    assert not np.allclose(found.by_cad[:, 2], beyond_weight(nominal, m).by_cad[:, 2], rtol=0.1)
+
+
+@pytest.mark.parametrize(("slow", "quick"), [(1e-3, 0.0), (0.0, 1e-3)])
+def test_accelerations_are_as_noisy_as_their_s_d(robot, slow, quick):
+    """Of encoders with white noise, and with noise that lasts for seconds, on a robot at rest."""
+    rng, count, seconds = np.random.default_rng(408), 30_000, 2.0
+    read, _ = sample_series(np.zeros((count, 12)), (slow, quick, 0.0), 1, rng, 0.01, seconds)
+    weights, powers, solve = _weights(0.01 * np.arange(50) - 0.245, WINDOW)
+    windows = read.reshape(-1, 50, 12)
+    left = windows - powers @ (solve @ windows)
+    m = replace(
+        slow_motion(robot, rng, len(windows)),
+        joint_angles_sd=np.sqrt((left**2).sum(axis=1) / 46),
+        samples=np.full(len(windows), 50.0),
+    )
+    foretold = acceleration_sd(m, slow, NoiseInTime(1.0 if slow else 0.0, seconds))
+    assert (weights[2] @ windows).std() == pytest.approx(np.sqrt((foretold**2).mean()), rel=0.1)
 
 
 @pytest.mark.parametrize("side", ["double", "right", "left"])

@@ -55,7 +55,7 @@ def put_down(
 ) -> None:
     """Put the robot down at a posture on one foot or both and clamp its feet where they land.
 
-    Where it stood before, the foot of the base frame stands again: the poses of the plates were recorded once.
+    The foot of the base frame stands again where it stood first, for the plates' poses are recorded once.
     """
     stand.foot_contact = feet_in_contact(np.array([support]))[0]
 
