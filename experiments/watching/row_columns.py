@@ -13,7 +13,9 @@ from tulip_testbed.calibration.linear_model import nuisances
 from tulip_testbed.calibration.linearisation import SYSTEMATIC
 from tulip_testbed.calibration.member_columns import STEP, member_columns
 from tulip_testbed.experiments.watching.day_model import DayModel
+from tulip_testbed.identification.inertial_wrench import acceleration_sd, by_accelerations
 from tulip_testbed.identification.joint_loads import UNSEEN
+from tulip_testbed.identification.noise_in_time import WHITE
 from tulip_testbed.identification.observation import Observation
 from tulip_testbed.identification.residual_channels import (
     ANCHORED,
@@ -118,7 +120,9 @@ def row_columns(model: DayModel, rows: Measurements, errors: np.ndarray | None =
     if not model.held:
         forces = slice(at["shift"].start, at["push"].stop)
         inertia = INERTIAL * reach[..., forces] @ seen.motion.by_cad[..., None]
-        cells = cells + inertia @ inertia.mT
+        sd = acceleration_sd(rows, noise.encoder, WHITE)[:, None]
+        shaken = reach[..., forces] @ by_accelerations(seen.geometry, rows) * sd
+        cells = cells + inertia @ inertia.mT + shaken @ shaken.mT
         # What the errors that last change in angles and residuals.
         read = np.broadcast_to(noise.encoder * np.eye(joints), (m, joints, joints))
         slow = np.concatenate([read, pushed], axis=2)
