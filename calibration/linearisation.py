@@ -174,7 +174,8 @@ def linearised(
     if clean.moves:
         forces = slope[..., at["shift"].start : at["push"].stop]
         motion = forces @ clean.motion.by_cad[..., None]
-        sd = acceleration_sd(clean.measurements, noise.encoder, clean.noise_in_time or WHITE)
+        lasting = clean.noise_in_time or WHITE
+        sd = clean.motion.shown * acceleration_sd(clean.measurements, noise.encoder, lasting)
         shaken = forces @ by_accelerations(state.smooth.geometry, clean.measurements) * sd[:, None]
     covariance = _covariance(reach, (internal, squeeze, tilt, motion), shaken, unsure, noise, clean)
     reach, structure = covariance.reach, covariance.structure

@@ -19,7 +19,7 @@ from tests.test_refusals import rows as table
 from tulip_testbed.base.progress import Advance
 from tulip_testbed.calibration.families import EXACT as EXACT_LABORATORY
 from tulip_testbed.calibration.families import Family
-from tulip_testbed.calibration.self_calibration import LASTING, as_log_shows, self_calibrate
+from tulip_testbed.calibration.self_calibration import LASTING, as_log_shows, self_calibrate, without_inertia
 from tulip_testbed.effects.instance import EffectInstance, removed
 from tulip_testbed.effects.laws.misread import undo
 from tulip_testbed.effects.motion_effects import LAG, MOTION_EFFECTS
@@ -263,8 +263,12 @@ def test_noise_of_encoders_reaches_the_forces_of_motion(robot, moved):
     read = reduced_motion(replace(samples, joint_angles=samples.joint_angles + noise))
     of_a_row = size * np.sqrt((_weights(0.01 * np.arange(50) - 0.245, 0.5)[0][0] ** 2).sum())
     read = replace(read, sensors=replace(read.sensors, encoder_sd=of_a_row, cell_sd=1e-3))
-    calibration = self_calibrate(observe(read, nominal).changed(noise_in_time=WHITE), EXACT_LABORATORY)
-    foretold = calibration.linear.covariance.structure.own[0][:, [0, 1], [0, 1]]
+    observed = observe(read, nominal).changed(noise_in_time=WHITE)
+    foretold, without = (
+        self_calibrate(one, EXACT_LABORATORY).linear.covariance.structure.own[0][:, [0, 1], [0, 1]]
+        for one in (observed, without_inertia(observed))
+    )
+    assert (without < 0.2 * foretold).all()
     exact, noisy = (residuals(observe(m, nominal), nominal.value)[:, :2] for m in (moved.measurements, read))
     assert ((noisy - exact) ** 2 / foretold).mean() == pytest.approx(1.0, rel=0.25)
 
